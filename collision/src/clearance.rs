@@ -1,0 +1,155 @@
+//! The interpolation check of AS16 §4.2: may hairs between two guides be interpolated, or does a solid stand between them?
+//!
+//! AS16 tests the segments between equal particles of both guides. A departure: the ribbon between two such
+//! segments is tested too, for a tooth passes between rung t and rung t + 1 without touching either. All tests bound by the
+//! distance at the middle and subdivide; "free" is always proven, so a piece still undecided at the resolution counts as
+//! blocked.
+
+use nalgebra::Vector3;
+
+use crate::sdf::SignedDistanceField;
+
+/// Whether every point of the segment `a`-`b` (solid's frame, cm) is outside the solid. Never true of a segment that is
+/// not; may be false of one that passes within about half of `resolution` (cm) and the grid's error.
+pub fn segment_is_free(
+    sdf: &SignedDistanceField,
+    a: Vector3<f32>,
+    b: Vector3<f32>,
+    resolution: f32,
+) -> bool {
+    segment_keeps_clear(sdf, a, b, 0.0, resolution)
+}
+
+/// As [`segment_is_free`], keeping `clearance` cm away; a negative clearance tolerates that much depth.
+pub fn segment_keeps_clear(
+    sdf: &SignedDistanceField,
+    a: Vector3<f32>,
+    b: Vector3<f32>,
+    clearance: f32,
+    resolution: f32,
+) -> bool {
+    let middle = (a + b) * 0.5;
+    let radius = 0.5 * (b - a).norm();
+    match judge(sdf, middle, radius, clearance, resolution) {
+        Verdict::Free => true,
+        Verdict::Blocked => false,
+        Verdict::Open => {
+            segment_keeps_clear(sdf, a, middle, clearance, resolution)
+                && segment_keeps_clear(sdf, middle, b, clearance, resolution)
+        }
+    }
+}
+
+/// Whether every point of the bilinear patch between the rungs `[a0, b0]` and `[a1, b1]` (solid's frame, cm) is outside
+/// the solid: `a` runs along one guide, `b` along the other. As certain as [`segment_is_free`].
+pub fn ribbon_is_free(
+    sdf: &SignedDistanceField,
+    corners: [Vector3<f32>; 4],
+    resolution: f32,
+) -> bool {
+    ribbon_keeps_clear(sdf, corners, 0.0, resolution)
+}
+
+/// As [`ribbon_is_free`], keeping `clearance` cm away; a negative clearance tolerates that much depth.
+pub fn ribbon_keeps_clear(
+    sdf: &SignedDistanceField,
+    corners: [Vector3<f32>; 4],
+    clearance: f32,
+    resolution: f32,
+) -> bool {
+    let [a0, b0, a1, b1] = corners;
+    // A bilinear patch lies in the hull of its corners.
+    let middle = (a0 + b0 + a1 + b1) * 0.25;
+    let radius = farthest(&middle, &corners);
+    match judge(sdf, middle, radius, clearance, resolution) {
+        Verdict::Free => true,
+        Verdict::Blocked => false,
+        Verdict::Open => {
+            let across = (b0 - a0).norm_squared().max((b1 - a1).norm_squared());
+            let along = (a1 - a0).norm_squared().max((b1 - b0).norm_squared());
+            let halves = if across > along {
+                let (m0, m1) = ((a0 + b0) * 0.5, (a1 + b1) * 0.5);
+                [[a0, m0, a1, m1], [m0, b0, m1, b1]]
+            } else {
+                let (ma, mb) = ((a0 + a1) * 0.5, (b0 + b1) * 0.5);
+                [[a0, b0, ma, mb], [ma, mb, a1, b1]]
+            };
+            halves
+                .iter()
+                .all(|&half| ribbon_keeps_clear(sdf, half, clearance, resolution))
+        }
+    }
+}
+
+/// Whether the ribbon between two strands (solid's frame, cm, root first) is outside the solid over all their rungs.
+/// Strands of unequal count are compared up to the shorter. Ranges of rungs are dismissed by their bounding balls first.
+pub fn strand_ribbon_is_free(
+    sdf: &SignedDistanceField,
+    strand_i: &[Vector3<f32>],
+    strand_j: &[Vector3<f32>],
+    resolution: f32,
+) -> bool {
+    strand_ribbon_keeps_clear(sdf, strand_i, strand_j, 0.0, resolution)
+}
+
+/// As [`strand_ribbon_is_free`], keeping `clearance` cm away; a negative clearance tolerates that much depth.
+pub fn strand_ribbon_keeps_clear(
+    sdf: &SignedDistanceField,
+    strand_i: &[Vector3<f32>],
+    strand_j: &[Vector3<f32>],
+    clearance: f32,
+    resolution: f32,
+) -> bool {
+    let n = strand_i.len().min(strand_j.len());
+    let (i, j) = (&strand_i[..n], &strand_j[..n]);
+    match n {
+        0 => true,
+        1 => segment_keeps_clear(sdf, i[0], j[0], clearance, resolution),
+        2 => ribbon_keeps_clear(sdf, [i[0], j[0], i[1], j[1]], clearance, resolution),
+        _ => {
+            let sum: Vector3<f32> = i.iter().chain(j).sum();
+            let middle = sum / (2 * n) as f32;
+            let radius = farthest(&middle, i).max(farthest(&middle, j));
+            if sdf.lower_bound(middle) > radius + clearance {
+                return true;
+            }
+            // The middle rung belongs to both halves.
+            let m = n / 2;
+            strand_ribbon_keeps_clear(sdf, &i[..=m], &j[..=m], clearance, resolution)
+                && strand_ribbon_keeps_clear(sdf, &i[m..], &j[m..], clearance, resolution)
+        }
+    }
+}
+
+enum Verdict {
+    Free,
+    Blocked,
+    Open,
+}
+
+/// What one sample in the middle of a piece of the given radius proves.
+#[inline]
+fn judge(
+    sdf: &SignedDistanceField,
+    middle: Vector3<f32>,
+    radius: f32,
+    clearance: f32,
+    resolution: f32,
+) -> Verdict {
+    let d = sdf.distance(middle);
+    if sdf.surely(d) > radius + clearance {
+        Verdict::Free
+    } else if d <= clearance || radius <= 0.5 * resolution || !d.is_finite() {
+        Verdict::Blocked
+    } else {
+        Verdict::Open
+    }
+}
+
+fn farthest(middle: &Vector3<f32>, points: &[Vector3<f32>]) -> f32 {
+    points
+        .iter()
+        .map(|p| (p - middle).norm_squared())
+        .fold(0.0, f32::max)
+        .sqrt()
+}

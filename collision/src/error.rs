@@ -1,0 +1,139 @@
+//! What can be wrong with a solid before it becomes a distance field.
+//!
+//! Queries never fail: everything is refused here, once, when a solid is built, with the defect counted and located so
+//! that the artist knows what to repair.
+
+use thiserror::Error;
+
+/// Why a solid could not be turned into a [`crate::SignedDistanceField`].
+#[derive(Debug, Clone, PartialEq, Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// There is nothing to bake.
+    #[error(
+        "solid has {n_vertices} vertices and {n_triangles} usable triangles; a closed solid needs at least 4 of each"
+    )]
+    EmptyMesh {
+        /// Vertices given.
+        n_vertices: usize,
+        /// Triangles that are not collapsed to a line or a point.
+        n_triangles: usize,
+    },
+    /// A vertex coordinate is infinite or not a number.
+    #[error("vertex {vertex} is not finite: ({}, {}, {})", position[0], position[1], position[2])]
+    NonFiniteVertex {
+        /// Index into the vertex array given.
+        vertex: usize,
+        /// Its coordinates, cm.
+        position: [f32; 3],
+    },
+    /// A triangle names a vertex that does not exist.
+    #[error(
+        "triangle {triangle} names vertex {vertex}, but the mesh has only {n_vertices} vertices"
+    )]
+    UnknownVertex {
+        /// Index into the triangle array given.
+        triangle: usize,
+        /// The vertex it names.
+        vertex: u32,
+        /// Vertices given.
+        n_vertices: usize,
+    },
+    /// The surface has holes, so inside and outside are undefined.
+    #[error(
+        "mesh is open: {n_edges} boundary edges, the first between vertices {} and {}; close the holes before baking",
+        first[0], first[1]
+    )]
+    OpenMesh {
+        /// Edges with a triangle on one side only.
+        n_edges: usize,
+        /// Vertices of the first of them.
+        first: [u32; 2],
+    },
+    /// More than two triangles meet at an edge.
+    #[error(
+        "mesh is not manifold: {n_edges} edges carry more than two triangles, the first between vertices {} and {}; \
+         separate the parts before baking",
+        first[0], first[1]
+    )]
+    NonManifold {
+        /// Edges with more than two triangles.
+        n_edges: usize,
+        /// Vertices of the first of them.
+        first: [u32; 2],
+    },
+    /// Neighbouring triangles disagree about the outside.
+    #[error(
+        "triangles wind inconsistently across {n_edges} edges, the first between vertices {} and {}; \
+         recalculate normals before baking",
+        first[0], first[1]
+    )]
+    InconsistentWinding {
+        /// Edges that both neighbours run through in the same direction.
+        n_edges: usize,
+        /// Vertices of the first of them.
+        first: [u32; 2],
+    },
+    /// The surface is inside out.
+    #[error(
+        "mesh faces inwards: its signed volume is {volume_cm3} cm3; flip the triangles before baking"
+    )]
+    InwardFacing {
+        /// Signed volume, cm^3.
+        volume_cm3: f64,
+    },
+    /// The surface encloses nothing.
+    #[error("mesh is flat: it encloses {volume_cm3} cm3 in a box of {box_cm3} cm3")]
+    NoVolume {
+        /// Signed volume, cm^3.
+        volume_cm3: f64,
+        /// Volume of its bounding box, cm^3.
+        box_cm3: f64,
+    },
+    /// A parameter of the bake makes no sense.
+    #[error("{name} is {value}, but must be finite and greater than {above}")]
+    BadParameter {
+        /// Its name.
+        name: &'static str,
+        /// The value given.
+        value: f32,
+        /// The exclusive lower limit.
+        above: f32,
+    },
+    /// The grid would not fit the memory granted.
+    #[error(
+        "a grid of {}x{}x{} nodes takes {bytes} bytes, more than the {max_bytes} granted; use a larger cell",
+        nodes[0], nodes[1], nodes[2]
+    )]
+    TooLarge {
+        /// Nodes along x, y and z.
+        nodes: [usize; 3],
+        /// Bytes the values would take.
+        bytes: usize,
+        /// Bytes granted.
+        max_bytes: usize,
+    },
+    /// The distance function returned a value that is not finite.
+    #[error("distance at ({}, {}, {}) is not finite", position[0], position[1], position[2])]
+    NonFiniteDistance {
+        /// Where, cm, in the solid's frame.
+        position: [f32; 3],
+    },
+    /// The solid reaches out of the box it was to be baked in.
+    #[error(
+        "solid reaches the edge of its box: distance {distance} cm at ({}, {}, {}); enlarge the bounds",
+        position[0], position[1], position[2]
+    )]
+    TouchesBounds {
+        /// Distance found, cm.
+        distance: f32,
+        /// Where, cm, in the solid's frame.
+        position: [f32; 3],
+    },
+    /// The mesh library refused the triangles.
+    #[error("mesh cannot be indexed for distance queries: {reason}")]
+    Unusable {
+        /// Its explanation.
+        reason: String,
+    },
+}

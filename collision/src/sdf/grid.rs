@@ -1,0 +1,382 @@
+//! A signed distance field on a dense uniform grid, sampled by trilinear interpolation (AS16 §5.1).
+//!
+//! Sampling is the hot path of the whole program: one index computation, four two-element reads, no branch but the one
+//! that asks whether the point is in the grid. Outside the grid the answer stays a lower bound of the distance: with `q`
+//! the nearest point of the box, every point `c` of the solid has an obtuse angle at `q`, so
+//! `|p - c|^2 >= |p - q|^2 + |q - c|^2`. That bound joins the interpolant continuously at the faces.
+
+use nalgebra::Vector3;
+
+use crate::error::Error;
+
+/// An axis-aligned box, cm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bounds {
+    /// Smallest corner.
+    pub min: Vector3<f32>,
+    /// Largest corner.
+    pub max: Vector3<f32>,
+}
+
+impl Bounds {
+    /// The box between two corners.
+    pub fn new(min: Vector3<f32>, max: Vector3<f32>) -> Self {
+        Self { min, max }
+    }
+
+    /// The smallest box around `points`; `None` when there are none.
+    pub fn around(points: &[[f32; 3]]) -> Option<Self> {
+        let first = Vector3::from(*points.first()?);
+        Some(points.iter().fold(Self::new(first, first), |b, p| {
+            let p = Vector3::from(*p);
+            Self::new(b.min.inf(&p), b.max.sup(&p))
+        }))
+    }
+
+    /// The box grown by `margin` cm on every side.
+    #[must_use]
+    pub fn grown(&self, margin: f32) -> Self {
+        let m = Vector3::repeat(margin);
+        Self::new(self.min - m, self.max + m)
+    }
+
+    /// Edge lengths, cm.
+    pub fn size(&self) -> Vector3<f32> {
+        self.max - self.min
+    }
+
+    /// Middle of the box.
+    pub fn center(&self) -> Vector3<f32> {
+        (self.min + self.max) * 0.5
+    }
+
+    /// Largest distance of a point of the box from `origin`, cm.
+    pub fn max_distance_from(&self, origin: &Vector3<f32>) -> f32 {
+        (self.min - origin)
+            .abs()
+            .sup(&(self.max - origin).abs())
+            .norm()
+    }
+}
+
+/// Largest grid accepted anywhere, so that node indices fit `u32`.
+const MAX_NODES: usize = 1 << 30;
+
+/// Signed distance to a solid's surface on a uniform grid, in the solid's frame.
+#[derive(Debug, Clone)]
+pub struct SignedDistanceField {
+    origin: Vector3<f32>,
+    cell: f32,
+    inv_cell: f32,
+    /// Nodes along x, y, z; at least 2 each.
+    nodes: [usize; 3],
+    /// Largest grid coordinate along each axis, `nodes - 1`.
+    last: Vector3<f32>,
+    /// `nodes[0] * nodes[1] * nodes[2]` distances, x fastest, z slowest.
+    values: Vec<f32>,
+    max_error: f32,
+    band: f32,
+    far_error: f32,
+}
+
+/// How far the values of a grid can be trusted.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Trust {
+    /// Largest overstatement of the distance within `band` of the surface, cm.
+    pub max_error: f32,
+    /// Distance from the surface up to which every cell has exact nodes, cm.
+    pub band: f32,
+    /// Largest overstatement of the distance anywhere, cm.
+    pub far_error: f32,
+}
+
+/// Where a point lies in the grid: index of its cell's first node, and the fractions across the cell.
+struct Place {
+    first: usize,
+    t: Vector3<f32>,
+}
+
+impl SignedDistanceField {
+    /// Wraps node values; `values` holds `nodes[0] * nodes[1] * nodes[2]` distances, x fastest.
+    pub(crate) fn from_values(
+        origin: Vector3<f32>,
+        cell: f32,
+        nodes: [usize; 3],
+        values: Vec<f32>,
+        trust: Trust,
+    ) -> Self {
+        assert_eq!(
+            values.len(),
+            nodes[0] * nodes[1] * nodes[2],
+            "one value per node"
+        );
+        Self {
+            origin,
+            cell,
+            inv_cell: 1.0 / cell,
+            nodes,
+            last: Vector3::from(nodes.map(|n| (n - 1) as f32)),
+            values,
+            max_error: trust.max_error,
+            band: trust.band,
+            far_error: trust.far_error,
+        }
+    }
+
+    /// The node values again, x fastest.
+    pub(crate) fn into_values(self) -> Vec<f32> {
+        self.values
+    }
+
+    /// Nodes of a grid of this cell over `bounds`.
+    ///
+    /// # Errors
+    /// [`Error::BadParameter`] for a cell or box that is not positive and finite, [`Error::TooLarge`] past `max_bytes`.
+    pub(crate) fn plan(bounds: &Bounds, cell: f32, max_bytes: usize) -> Result<[usize; 3], Error> {
+        if !(cell.is_finite() && cell > 0.0) {
+            return Err(Error::BadParameter {
+                name: "cell",
+                value: cell,
+                above: 0.0,
+            });
+        }
+        let size = bounds.size();
+        for (name, value) in [
+            ("bounds along x", size.x),
+            ("bounds along y", size.y),
+            ("bounds along z", size.z),
+        ] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(Error::BadParameter {
+                    name,
+                    value,
+                    above: 0.0,
+                });
+            }
+        }
+        let nodes: [usize; 3] = [size.x, size.y, size.z]
+            .map(|s| (f64::from(s) / f64::from(cell)).ceil().min(1e9) as usize + 1);
+        let nodes = nodes.map(|n| n.max(2));
+        let total = nodes
+            .iter()
+            .try_fold(1usize, |a, &n| a.checked_mul(n))
+            .unwrap_or(usize::MAX);
+        let bytes = total.saturating_mul(size_of::<f32>());
+        if total > MAX_NODES || bytes > max_bytes {
+            return Err(Error::TooLarge {
+                nodes,
+                bytes,
+                max_bytes,
+            });
+        }
+        Ok(nodes)
+    }
+
+    /// Edge of a grid cell, cm.
+    pub fn cell(&self) -> f32 {
+        self.cell
+    }
+
+    /// Nodes along x, y and z.
+    pub fn nodes(&self) -> [usize; 3] {
+        self.nodes
+    }
+
+    /// The box the grid covers, in the solid's frame; the solid lies inside it.
+    pub fn bounds(&self) -> Bounds {
+        Bounds::new(self.origin, self.origin + self.last * self.cell)
+    }
+
+    /// Bytes held by the values.
+    pub fn memory_bytes(&self) -> usize {
+        self.values.len() * size_of::<f32>()
+    }
+
+    /// Largest amount, cm, by which a sample within [`Self::band`] of the surface overstates the distance. Measured
+    /// at cell centres when baked, where trilinear interpolation errs most, with a quarter added.
+    pub fn max_error(&self) -> f32 {
+        self.max_error
+    }
+
+    /// Distance from the surface, cm, within which [`Self::max_error`] holds.
+    pub fn band(&self) -> f32 {
+        self.band
+    }
+
+    /// Largest amount, cm, by which a sample anywhere outside overstates the distance.
+    pub fn far_error(&self) -> f32 {
+        self.far_error
+    }
+
+    /// Signed distance at `p` (solid's frame), cm. Outside the grid a lower bound; not a number only for such a `p`.
+    #[inline]
+    pub fn distance(&self, p: Vector3<f32>) -> f32 {
+        let g = (p - self.origin) * self.inv_cell;
+        if self.holds(&g) {
+            self.interpolate(&g)
+        } else {
+            self.distance_outside(&g)
+        }
+    }
+
+    /// Signed distance and its gradient at `p` (solid's frame). Inside the grid the gradient is exactly that of the
+    /// trilinear interpolant, hence not of unit length.
+    #[inline]
+    pub fn distance_gradient(&self, p: Vector3<f32>) -> (f32, Vector3<f32>) {
+        let g = (p - self.origin) * self.inv_cell;
+        if self.holds(&g) {
+            self.interpolate_gradient(&g)
+        } else {
+            self.gradient_outside(&g)
+        }
+    }
+
+    /// A number the true distance at `p` is never below: the sample less the error that holds at that distance.
+    #[inline]
+    pub fn lower_bound(&self, p: Vector3<f32>) -> f32 {
+        let d = self.distance(p);
+        self.surely(d)
+    }
+
+    /// What a sampled distance `d` surely guarantees, cm. See [`Self::lower_bound`].
+    #[inline]
+    pub fn surely(&self, d: f32) -> f32 {
+        let near = d.min(self.band) - self.max_error;
+        near.max(d - self.far_error)
+    }
+
+    /// Unit normal pointing out of the solid at `p`, and the distance there. Where the gradient vanishes (the middle of
+    /// a solid, a ridge between two) the direction is looked for a cell away, and is at worst that from the box centre.
+    pub fn outward_normal(&self, p: Vector3<f32>) -> (f32, Vector3<f32>) {
+        let (d, gradient) = self.distance_gradient(p);
+        (d, unit_or(gradient, || self.normal_nearby(p)))
+    }
+
+    #[cold]
+    fn normal_nearby(&self, p: Vector3<f32>) -> Vector3<f32> {
+        let h = self.cell;
+        // A vanishing gradient means opposite slopes meet in one cell: any direction in which the distance grows is a
+        // way out. The best of the 26 neighbours is taken, the first of equals.
+        let mut best = (self.distance(p), Vector3::zeros());
+        for k in 0..27 {
+            let step = Vector3::new(
+                (k % 3) as f32 - 1.0,
+                (k / 3 % 3) as f32 - 1.0,
+                (k / 9) as f32 - 1.0,
+            ) * h;
+            let d = self.distance(p + step);
+            if d > best.0 + 1e-6 * h {
+                best = (d, step);
+            }
+        }
+        unit_or(best.1, || unit_or(p - self.bounds().center(), Vector3::y))
+    }
+
+    /// Whether grid coordinates lie in the grid; false when not a number.
+    #[inline(always)]
+    fn holds(&self, g: &Vector3<f32>) -> bool {
+        // Bitwise and: six comparisons without six branches.
+        (g.x >= 0.0)
+            & (g.y >= 0.0)
+            & (g.z >= 0.0)
+            & (g.x <= self.last.x)
+            & (g.y <= self.last.y)
+            & (g.z <= self.last.z)
+    }
+
+    #[inline(always)]
+    fn place(&self, g: &Vector3<f32>) -> Place {
+        let [nx, ny, nz] = self.nodes;
+        let i = (g.x as usize).min(nx - 2);
+        let j = (g.y as usize).min(ny - 2);
+        let k = (g.z as usize).min(nz - 2);
+        Place {
+            first: (k * ny + j) * nx + i,
+            t: Vector3::new(g.x - i as f32, g.y - j as f32, g.z - k as f32),
+        }
+    }
+
+    /// The eight corner values of a cell: pairs along x, at (y, z) = (0,0), (1,0), (0,1), (1,1).
+    #[inline(always)]
+    fn corners(&self, first: usize) -> [[f32; 2]; 4] {
+        let row = self.nodes[0];
+        let slab = row * self.nodes[1];
+        // The last pair first: its bounds check implies the other three.
+        let p3 = self.pair(first + slab + row);
+        [
+            self.pair(first),
+            self.pair(first + row),
+            self.pair(first + slab),
+            p3,
+        ]
+    }
+
+    #[inline(always)]
+    fn pair(&self, i: usize) -> [f32; 2] {
+        let s = &self.values[i..i + 2];
+        [s[0], s[1]]
+    }
+
+    #[inline(always)]
+    fn interpolate(&self, g: &Vector3<f32>) -> f32 {
+        let Place { first, t } = self.place(g);
+        let c = self.corners(first);
+        let x = c.map(|[a, b]| a + t.x * (b - a));
+        let y0 = x[0] + t.y * (x[1] - x[0]);
+        let y1 = x[2] + t.y * (x[3] - x[2]);
+        y0 + t.z * (y1 - y0)
+    }
+
+    #[inline(always)]
+    fn interpolate_gradient(&self, g: &Vector3<f32>) -> (f32, Vector3<f32>) {
+        let Place { first, t } = self.place(g);
+        let c = self.corners(first);
+        let dx = c.map(|[a, b]| b - a);
+        let x = [0, 1, 2, 3].map(|n: usize| c[n][0] + t.x * dx[n]);
+        let (dy0, dy1) = (x[1] - x[0], x[3] - x[2]);
+        let y0 = x[0] + t.y * dy0;
+        let y1 = x[2] + t.y * dy1;
+        let dx0 = dx[0] + t.y * (dx[1] - dx[0]);
+        let dx1 = dx[2] + t.y * (dx[3] - dx[2]);
+        let gradient = Vector3::new(dx0 + t.z * (dx1 - dx0), dy0 + t.z * (dy1 - dy0), y1 - y0);
+        (y0 + t.z * (y1 - y0), gradient * self.inv_cell)
+    }
+
+    /// The nearest point of the grid's box, in grid coordinates.
+    fn nearest(&self, g: &Vector3<f32>) -> Vector3<f32> {
+        g.zip_map(&self.last, |x, last| x.clamp(0.0, last))
+    }
+
+    #[inline(never)]
+    fn distance_outside(&self, g: &Vector3<f32>) -> f32 {
+        let q = self.nearest(g);
+        let gap = (g - q).norm() * self.cell;
+        gap.hypot(self.interpolate(&q).max(0.0))
+    }
+
+    #[inline(never)]
+    fn gradient_outside(&self, g: &Vector3<f32>) -> (f32, Vector3<f32>) {
+        let q = self.nearest(g);
+        let gap = (g - q) * self.cell;
+        let (d, gradient) = self.interpolate_gradient(&q);
+        let d = d.max(0.0);
+        let total = gap.norm().hypot(d);
+        // Along an axis on which the point is outside, q does not move with p: only the gap does.
+        let along_face =
+            gradient.zip_zip_map(g, &q, |slope, a, b| if a == b { slope } else { 0.0 });
+        if total > 0.0 {
+            (total, (gap + along_face * d) / total)
+        } else {
+            (total, gradient)
+        }
+    }
+}
+
+/// `v` at unit length, or what `otherwise` returns when it is too short to have a direction.
+#[inline]
+pub(crate) fn unit_or(v: Vector3<f32>, otherwise: impl FnOnce() -> Vector3<f32>) -> Vector3<f32> {
+    /// Interpolated gradients of a distance are of order 1; below this only round-off is left.
+    const SHORTEST: f32 = 1e-4;
+    let n = v.norm();
+    if n > SHORTEST { v / n } else { otherwise() }
+}
