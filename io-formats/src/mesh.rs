@@ -1,0 +1,223 @@
+//! Triangle meshes of solids from OBJ and STL, in centimetres, with equal vertices merged.
+//!
+//! Merging is by exact position (both formats repeat vertices along seams), so that a mesh that is closed in space is closed
+//! in its indices; triangles that lose a corner to it have no area and are dropped. Invariant after reading: coordinates
+//! finite, indices in range, at least one triangle.
+
+use std::collections::HashMap;
+use std::io::{BufWriter, Cursor, Write};
+use std::path::Path;
+
+use crate::bytes::read_file;
+use crate::error::{Error, Result};
+use crate::groom::{LengthUnit, transform_point};
+
+/// Triangles over shared vertices.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct TriMesh {
+    /// Positions (cm).
+    pub vertices: Vec<[f32; 3]>,
+    /// Vertex indices, counter-clockwise seen from outside where the file keeps that convention.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl TriMesh {
+    /// Number of undirected edges that do not belong to exactly two triangles running along them in opposite directions.
+    #[must_use]
+    pub fn boundary_edge_count(&self) -> usize {
+        let mut edges: HashMap<[u32; 2], (u32, i32)> = HashMap::with_capacity(self.triangles.len() * 2);
+        for t in &self.triangles {
+            for k in 0..3 {
+                let (a, b) = (t[k], t[(k + 1) % 3]);
+                let edge = edges.entry([a.min(b), a.max(b)]).or_default();
+                edge.0 += 1;
+                edge.1 += if a < b { 1 } else { -1 };
+            }
+        }
+        edges.values().filter(|&&(n, balance)| n != 2 || balance != 0).count()
+    }
+
+    /// Whether every edge joins two triangles of the same orientation.
+    #[must_use]
+    pub fn is_closed(&self) -> bool {
+        !self.triangles.is_empty() && self.boundary_edge_count() == 0
+    }
+
+    /// The mesh with every vertex multiplied by `scale`.
+    #[must_use]
+    pub fn scaled(&self, scale: f32) -> Self {
+        self.transformed(scale, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0; 3])
+    }
+
+    /// Every vertex `p` mapped to `scale * rotation * p + translation`; `rotation` by rows. A map that mirrors also turns
+    /// the triangles round, so that they keep facing outwards.
+    #[must_use]
+    pub fn transformed(&self, scale: f32, rotation: [[f32; 3]; 3], translation: [f32; 3]) -> Self {
+        let [a, b, c] = rotation;
+        let det = a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0])
+            + a[2] * (b[0] * c[1] - b[1] * c[0]);
+        let mirrors = det * scale < 0.0;
+        Self {
+            vertices: self.vertices.iter().map(|&p| transform_point(p, scale, &rotation, translation)).collect(),
+            triangles: self.triangles.iter().map(|&[i, j, k]| if mirrors { [i, k, j] } else { [i, j, k] }).collect(),
+        }
+    }
+
+    /// Smallest and largest coordinates; `None` without vertices.
+    #[must_use]
+    pub fn bounds(&self) -> Option<([f32; 3], [f32; 3])> {
+        let first = *self.vertices.first()?;
+        Some(self.vertices.iter().fold((first, first), |(lo, hi), p| {
+            (std::array::from_fn(|k| lo[k].min(p[k])), std::array::from_fn(|k| hi[k].max(p[k])))
+        }))
+    }
+
+    /// Checks that there are triangles, coordinates are finite and indices in range; `path` serves the error text.
+    ///
+    /// # Errors
+    /// [`Error::BadMesh`] naming the first offence.
+    pub fn validate(&self, path: &Path) -> Result<()> {
+        let refuse = |reason: String| Err(Error::BadMesh { path: path.to_path_buf(), reason });
+        if self.triangles.is_empty() {
+            return refuse("it has no triangles".into());
+        }
+        if let Some(i) = self.vertices.iter().position(|p| p.iter().any(|x| !x.is_finite())) {
+            return refuse(format!("vertex {i} is not finite"));
+        }
+        let n = self.vertices.len();
+        if let Some(i) = self.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= n)) {
+            return refuse(format!("triangle {i} names a vertex past the last of {n}"));
+        }
+        Ok(())
+    }
+}
+
+/// Reads a mesh by its extension, `.obj` or `.stl`.
+///
+/// # Errors
+/// Those of the format's reader; [`Error::UnknownExtension`] for any other extension.
+pub fn read_mesh(path: &Path, unit: LengthUnit) -> Result<TriMesh> {
+    let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+    match extension.as_deref() {
+        Some("obj") => read_obj(path, unit),
+        Some("stl") => read_stl(path, unit),
+        _ => Err(Error::UnknownExtension { path: path.to_path_buf(), expected: ".obj, .stl" }),
+    }
+}
+
+/// Reads all objects of an OBJ file as one mesh; polygons become fans, points and lines are left out.
+///
+/// # Errors
+/// When the file cannot be read or parsed, or does not hold a usable mesh.
+pub fn read_obj(path: &Path, unit: LengthUnit) -> Result<TriMesh> {
+    parse_obj(path, &read_file(path)?, unit)
+}
+
+/// [`read_obj`] from bytes; `path` serves the error texts.
+///
+/// # Errors
+/// As [`read_obj`].
+pub fn parse_obj(path: &Path, bytes: &[u8], unit: LengthUnit) -> Result<TriMesh> {
+    let options =
+        tobj::LoadOptions { triangulate: true, ignore_points: true, ignore_lines: true, ..Default::default() };
+    // Materials say nothing about shape; a missing library must not stop a solid from loading.
+    let no_materials = |_: &Path| Ok((Vec::new(), Default::default()));
+    let (models, _) = tobj::load_obj_buf(&mut Cursor::new(bytes), &options, no_materials)
+        .map_err(|e| Error::BadMesh { path: path.to_path_buf(), reason: e.to_string() })?;
+    let mut weld = Weld::default();
+    for model in &models {
+        let vertices: Vec<[f32; 3]> = model.mesh.positions.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect();
+        for (i, t) in model.mesh.indices.chunks_exact(3).enumerate() {
+            let mut corners = [[0.0; 3]; 3];
+            for (corner, &v) in corners.iter_mut().zip(t) {
+                *corner = *vertices.get(v as usize).ok_or_else(|| Error::BadMesh {
+                    path: path.to_path_buf(),
+                    reason: format!("triangle {i} of object {:?} names vertex {v}", model.name),
+                })?;
+            }
+            weld.add(corners);
+        }
+    }
+    weld.finish(path, unit)
+}
+
+/// Reads an STL file, binary or ASCII.
+///
+/// # Errors
+/// When the file cannot be read or parsed, or does not hold a usable mesh.
+pub fn read_stl(path: &Path, unit: LengthUnit) -> Result<TriMesh> {
+    parse_stl(path, &read_file(path)?, unit)
+}
+
+/// [`read_stl`] from bytes; `path` serves the error texts.
+///
+/// # Errors
+/// As [`read_stl`].
+pub fn parse_stl(path: &Path, bytes: &[u8], unit: LengthUnit) -> Result<TriMesh> {
+    let refuse = |e: std::io::Error| Error::BadMesh { path: path.to_path_buf(), reason: e.to_string() };
+    let looks_ascii = bytes.starts_with(b"solid");
+    if !looks_ascii {
+        let mut r = crate::bytes::ByteReader::new(path, bytes);
+        r.seek(80);
+        let n = r.u32("triangle count")?;
+        r.take(u64::from(n), 50, "triangles")?;
+    }
+    let mut cursor = Cursor::new(bytes);
+    let mut weld = Weld::default();
+    for triangle in stl_io::create_stl_reader(&mut cursor).map_err(refuse)? {
+        weld.add(triangle.map_err(refuse)?.vertices.map(|v| v.0));
+    }
+    weld.finish(path, unit)
+}
+
+/// Merges vertices of equal position while triangles are added.
+#[derive(Default)]
+struct Weld {
+    mesh: TriMesh,
+    index_of: HashMap<[u32; 3], u32>,
+}
+
+impl Weld {
+    fn add(&mut self, corners: [[f32; 3]; 3]) {
+        let [a, b, c] = corners.map(|p| {
+            // Adding zero turns -0 into 0, the same place with other bits.
+            *self.index_of.entry(p.map(|x| (x + 0.0).to_bits())).or_insert_with(|| {
+                self.mesh.vertices.push(p);
+                self.mesh.vertices.len() as u32 - 1
+            })
+        });
+        if a != b && b != c && c != a {
+            self.mesh.triangles.push([a, b, c]);
+        }
+    }
+
+    fn finish(self, path: &Path, unit: LengthUnit) -> Result<TriMesh> {
+        let cm = unit.cm_per_unit();
+        let mut mesh = self.mesh;
+        for x in mesh.vertices.iter_mut().flatten() {
+            *x = (f64::from(*x) * cm) as f32;
+        }
+        mesh.validate(path)?;
+        Ok(mesh)
+    }
+}
+
+/// Writes an OBJ file in centimetres.
+///
+/// # Errors
+/// When the mesh is not usable or the file cannot be written.
+pub fn write_obj(path: &Path, mesh: &TriMesh) -> Result<()> {
+    mesh.validate(path)?;
+    let file = std::fs::File::create(path).map_err(Error::io("create", path))?;
+    let mut out = BufWriter::new(file);
+    let mut write = || -> std::io::Result<()> {
+        for [x, y, z] in &mesh.vertices {
+            writeln!(out, "v {x} {y} {z}")?;
+        }
+        for [a, b, c] in mesh.triangles.iter().map(|t| t.map(|v| u64::from(v) + 1)) {
+            writeln!(out, "f {a} {b} {c}")?;
+        }
+        out.flush()
+    };
+    write().map_err(Error::io("write", path))
+}
