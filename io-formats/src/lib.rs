@@ -40,5 +40,6 @@ pub use groom::{Groom, LengthUnit, UniformGroom, read_groom};
 pub use hair::{read_hair, write_hair};
 pub use mesh::{TriMesh, read_mesh, read_obj, read_stl, write_obj};
 pub use motion::{MotionEnd, PoseKey, PoseMotion};
+pub use scene::Scene;
 pub use skinning_model::{MaterialRecord, SkinningModel, WeightPoly};
 pub use tfx::read_tfx;
