@@ -1,0 +1,3 @@
+//! Linear solves of a batch of strands.
+
+pub mod banded;
