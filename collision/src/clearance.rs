@@ -11,12 +11,7 @@ use crate::sdf::SignedDistanceField;
 
 /// Whether every point of the segment `a`-`b` (solid's frame, cm) is outside the solid. Never true of a segment that is
 /// not; may be false of one that passes within about half of `resolution` (cm) and the grid's error.
-pub fn segment_is_free(
-    sdf: &SignedDistanceField,
-    a: Vector3<f32>,
-    b: Vector3<f32>,
-    resolution: f32,
-) -> bool {
+pub fn segment_is_free(sdf: &SignedDistanceField, a: Vector3<f32>, b: Vector3<f32>, resolution: f32) -> bool {
     segment_keeps_clear(sdf, a, b, 0.0, resolution)
 }
 
@@ -42,11 +37,7 @@ pub fn segment_keeps_clear(
 
 /// Whether every point of the bilinear patch between the rungs `[a0, b0]` and `[a1, b1]` (solid's frame, cm) is outside
 /// the solid: `a` runs along one guide, `b` along the other. As certain as [`segment_is_free`].
-pub fn ribbon_is_free(
-    sdf: &SignedDistanceField,
-    corners: [Vector3<f32>; 4],
-    resolution: f32,
-) -> bool {
+pub fn ribbon_is_free(sdf: &SignedDistanceField, corners: [Vector3<f32>; 4], resolution: f32) -> bool {
     ribbon_keeps_clear(sdf, corners, 0.0, resolution)
 }
 
@@ -74,9 +65,7 @@ pub fn ribbon_keeps_clear(
                 let (ma, mb) = ((a0 + a1) * 0.5, (b0 + b1) * 0.5);
                 [[a0, b0, ma, mb], [ma, mb, a1, b1]]
             };
-            halves
-                .iter()
-                .all(|&half| ribbon_keeps_clear(sdf, half, clearance, resolution))
+            halves.iter().all(|&half| ribbon_keeps_clear(sdf, half, clearance, resolution))
         }
     }
 }
@@ -129,13 +118,7 @@ enum Verdict {
 
 /// What one sample in the middle of a piece of the given radius proves.
 #[inline]
-fn judge(
-    sdf: &SignedDistanceField,
-    middle: Vector3<f32>,
-    radius: f32,
-    clearance: f32,
-    resolution: f32,
-) -> Verdict {
+fn judge(sdf: &SignedDistanceField, middle: Vector3<f32>, radius: f32, clearance: f32, resolution: f32) -> Verdict {
     let d = sdf.distance(middle);
     if sdf.surely(d) > radius + clearance {
         Verdict::Free
@@ -147,9 +130,5 @@ fn judge(
 }
 
 fn farthest(middle: &Vector3<f32>, points: &[Vector3<f32>]) -> f32 {
-    points
-        .iter()
-        .map(|p| (p - middle).norm_squared())
-        .fold(0.0, f32::max)
-        .sqrt()
+    points.iter().map(|p| (p - middle).norm_squared()).fold(0.0, f32::max).sqrt()
 }

@@ -38,14 +38,11 @@ pub fn deepest_on_segment(
     let along = b - a;
     let length = along.norm();
     let middle = sdf.distance(a + along * 0.5);
-    // Not `>=` turned round: a segment that is not a number must not look like a contact.
-    if !(sdf.surely(middle) - sdf.max_error() < threshold + 0.5 * length) {
+    if middle.is_nan() || sdf.surely(middle) - sdf.max_error() >= threshold + 0.5 * length {
         return None;
     }
 
-    let spacing = max_spacing
-        .max(length / MAX_SAMPLES as f32)
-        .max(f32::MIN_POSITIVE);
+    let spacing = max_spacing.max(length / MAX_SAMPLES as f32).max(f32::MIN_POSITIVE);
     let (mut best_t, mut best_d) = (0.5 * length, middle);
     let inv_length = if length > 0.0 { 1.0 / length } else { 0.0 };
     let sample = |t: f32| sdf.distance(a + along * (t * inv_length));
@@ -79,9 +76,5 @@ pub fn deepest_on_segment(
     }
     let s = best_t * inv_length;
     let (distance, normal) = sdf.outward_normal(a + along * s);
-    Some(SegmentContact {
-        s,
-        distance,
-        normal,
-    })
+    Some(SegmentContact { s, distance, normal })
 }

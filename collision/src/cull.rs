@@ -15,16 +15,12 @@ pub struct DistanceBound {
 impl DistanceBound {
     /// Nothing known: the strand must be queried.
     pub fn unknown() -> Self {
-        Self {
-            remaining: f32::NEG_INFINITY,
-        }
+        Self { remaining: f32::NEG_INFINITY }
     }
 
     /// From a least distance sampled on the strand, less the grid's error and half the largest gap (cm) between samples.
     pub fn from_samples(sdf: &SignedDistanceField, least: f32, largest_gap: f32) -> Self {
-        Self {
-            remaining: sdf.surely(least) - 0.5 * largest_gap,
-        }
+        Self { remaining: sdf.surely(least) - 0.5 * largest_gap }
     }
 
     /// Takes off what the strand and the solid moved over a step (cm), jumps of the strand's guide set included.

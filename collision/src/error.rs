@@ -28,9 +28,7 @@ pub enum Error {
         position: [f32; 3],
     },
     /// A triangle names a vertex that does not exist.
-    #[error(
-        "triangle {triangle} names vertex {vertex}, but the mesh has only {n_vertices} vertices"
-    )]
+    #[error("triangle {triangle} names vertex {vertex}, but the mesh has only {n_vertices} vertices")]
     UnknownVertex {
         /// Index into the triangle array given.
         triangle: usize,
@@ -75,9 +73,7 @@ pub enum Error {
         first: [u32; 2],
     },
     /// The surface is inside out.
-    #[error(
-        "mesh faces inwards: its signed volume is {volume_cm3} cm3; flip the triangles before baking"
-    )]
+    #[error("mesh faces inwards: its signed volume is {volume_cm3} cm3; flip the triangles before baking")]
     InwardFacing {
         /// Signed volume, cm^3.
         volume_cm3: f64,

@@ -28,9 +28,5 @@ pub fn slip_factor(speed: f32, friction: f32, normal_force: f32, mass: f32, dt: 
     }
     // Products instead of quotients: neither speed nor mass may be zero in a denominator.
     let momentum = speed * mass;
-    if momentum <= impulse {
-        0.0
-    } else {
-        1.0 - impulse / momentum
-    }
+    if momentum <= impulse { 0.0 } else { 1.0 - impulse / momentum }
 }

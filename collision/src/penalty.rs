@@ -33,11 +33,7 @@ pub struct SegmentForce {
 /// outward normal, relative to the solid; negative approaches.
 pub fn penalty_magnitude(distance: f32, approach: f32, params: &PenaltyParams) -> f32 {
     let depth = params.skin - distance;
-    if depth > 0.0 {
-        (params.stiffness * depth - params.damping * approach).max(0.0)
-    } else {
-        0.0
-    }
+    if depth > 0.0 { (params.stiffness * depth - params.damping * approach).max(0.0) } else { 0.0 }
 }
 
 /// Force (dyn) on a point at signed `distance` (cm) with outward unit `normal`, moving at `relative_velocity` (cm/s) to
@@ -61,9 +57,5 @@ pub fn penalty_on_segment(
     let velocity = velocity_a.lerp(&velocity_b, contact.s);
     let normal_force = penalty_magnitude(contact.distance, velocity.dot(&contact.normal), params);
     let force = contact.normal * normal_force;
-    SegmentForce {
-        on_a: force * (1.0 - contact.s),
-        on_b: force * contact.s,
-        normal_force,
-    }
+    SegmentForce { on_a: force * (1.0 - contact.s), on_b: force * contact.s, normal_force }
 }

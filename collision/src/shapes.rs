@@ -64,37 +64,19 @@ impl Shape {
 
     /// A rod with round ends, of one radius.
     pub fn capsule(a: Vector3<f32>, b: Vector3<f32>, radius: f32) -> Self {
-        Self::Capsule {
-            a,
-            b,
-            radius_a: radius,
-            radius_b: radius,
-        }
+        Self::Capsule { a, b, radius_a: radius, radius_b: radius }
     }
 
     /// Signed distance at `p`, cm.
     pub fn distance(&self, p: Vector3<f32>) -> f32 {
         match *self {
             Self::Sphere { center, radius } => (p - center).norm() - radius,
-            Self::Capsule {
-                a,
-                b,
-                radius_a,
-                radius_b,
-            } => capsule_distance(p, a, b, radius_a, radius_b),
-            Self::Box {
-                center,
-                half,
-                rounding,
-            } => {
+            Self::Capsule { a, b, radius_a, radius_b } => capsule_distance(p, a, b, radius_a, radius_b),
+            Self::Box { center, half, rounding } => {
                 let q = (p - center).abs() - half.add_scalar(-rounding);
                 q.sup(&Vector3::zeros()).norm() + q.max().min(0.0) - rounding
             }
-            Self::Torus {
-                center,
-                major,
-                minor,
-            } => {
+            Self::Torus { center, major, minor } => {
                 let q = p - center;
                 (q.x.hypot(q.z) - major).hypot(q.y) - minor
             }
@@ -107,18 +89,9 @@ impl Shape {
         let ball = |c: Vector3<f32>, r: f32| Bounds::new(c, c).grown(r);
         match *self {
             Self::Sphere { center, radius } => ball(center, radius),
-            Self::Capsule {
-                a,
-                b,
-                radius_a,
-                radius_b,
-            } => join(ball(a, radius_a), ball(b, radius_b)),
+            Self::Capsule { a, b, radius_a, radius_b } => join(ball(a, radius_a), ball(b, radius_b)),
             Self::Box { center, half, .. } => Bounds::new(center - half, center + half),
-            Self::Torus {
-                center,
-                major,
-                minor,
-            } => {
+            Self::Torus { center, major, minor } => {
                 let half = Vector3::new(major + minor, minor, major + minor);
                 Bounds::new(center - half, center + half)
             }
@@ -139,29 +112,19 @@ pub struct ShapeUnion {
 impl ShapeUnion {
     /// A union with sharp creases.
     pub fn sharp(shapes: Vec<Shape>) -> Self {
-        Self {
-            shapes,
-            smoothing: 0.0,
-        }
+        Self { shapes, smoothing: 0.0 }
     }
 
     /// Signed distance at `p`, cm; infinite for an empty union.
     pub fn distance(&self, p: Vector3<f32>) -> f32 {
-        self.shapes
-            .iter()
-            .map(|s| s.distance(p))
-            .fold(f32::INFINITY, |a, b| smooth_min(a, b, self.smoothing))
+        self.shapes.iter().map(|s| s.distance(p)).fold(f32::INFINITY, |a, b| smooth_min(a, b, self.smoothing))
     }
 
     /// A box around the union, blends included; `None` when it is empty.
     pub fn bounds(&self) -> Option<Bounds> {
         // A blend bulges by at most a quarter of its width for each member joined.
         let bulge = 0.25 * self.smoothing * self.shapes.len().saturating_sub(1) as f32;
-        self.shapes
-            .iter()
-            .map(Shape::bounds)
-            .reduce(join)
-            .map(|b| b.grown(bulge))
+        self.shapes.iter().map(Shape::bounds).reduce(join).map(|b| b.grown(bulge))
     }
 }
 
@@ -180,11 +143,7 @@ fn smooth_min(a: f32, b: f32, width: f32) -> f32 {
     let least = a.min(b);
     let overlap = width - (a - b).abs();
     // Also catches a width of zero, and the infinite start of a fold.
-    if overlap > 0.0 {
-        least - overlap * overlap * 0.25 / width
-    } else {
-        least
-    }
+    if overlap > 0.0 { least - overlap * overlap * 0.25 / width } else { least }
 }
 
 fn capsule_distance(p: Vector3<f32>, a: Vector3<f32>, b: Vector3<f32>, ra: f32, rb: f32) -> f32 {
@@ -204,7 +163,7 @@ fn capsule_distance(p: Vector3<f32>, a: Vector3<f32>, b: Vector3<f32>, ra: f32, 
     let cosine = (1.0 - sine * sine).sqrt();
     let foot = (along - across * sine / cosine).clamp(0.0, length);
     let (dx, radius) = (along - foot, ra - taper * foot / length);
-    dx.hypot(across) - radius
+    (dx * dx + across * across).sqrt() - radius
 }
 
 /// Exact distance to an ellipsoid about the origin, by bisection for the foot of the perpendicular.

@@ -39,19 +39,9 @@ impl Solid {
         friction: f32,
     ) -> Result<Self, Error> {
         const RIM_CM: f32 = 0.5;
-        let bounds = shape.bounds().ok_or(Error::EmptyMesh {
-            n_vertices: 0,
-            n_triangles: 0,
-        })?;
-        let sdf = bake_from_fn(bounds.grown(RIM_CM.max(2.0 * cell)), cell, |p| {
-            shape.distance(p)
-        })?;
-        Ok(Self {
-            name: name.to_owned(),
-            sdf,
-            half_thickness_cm,
-            friction,
-        })
+        let bounds = shape.bounds().ok_or(Error::EmptyMesh { n_vertices: 0, n_triangles: 0 })?;
+        let sdf = bake_from_fn(bounds.grown(RIM_CM.max(2.0 * cell)), cell, |p| shape.distance(p))?;
+        Ok(Self { name: name.to_owned(), sdf, half_thickness_cm, friction })
     }
 
     /// Bakes a closed mesh (cm) and measures its thinnest feature.
@@ -87,24 +77,14 @@ pub struct SolidPose {
 impl SolidPose {
     /// A solid that does not move.
     pub fn still(world_from_solid: Isometry3<f64>) -> Self {
-        Self {
-            from: world_from_solid,
-            to: world_from_solid,
-        }
+        Self { from: world_from_solid, to: world_from_solid }
     }
 
     /// `world_from_solid` at a fraction of the step, 0 at the start and 1 at the end.
     pub fn at(&self, alpha: f64) -> Isometry3<f64> {
-        let translation = self
-            .from
-            .translation
-            .vector
-            .lerp(&self.to.translation.vector, alpha);
+        let translation = self.from.translation.vector.lerp(&self.to.translation.vector, alpha);
         let turn = self.turn() * alpha;
-        Isometry3::from_parts(
-            translation.into(),
-            UnitQuaternion::from_scaled_axis(turn) * self.from.rotation,
-        )
+        Isometry3::from_parts(translation.into(), UnitQuaternion::from_scaled_axis(turn) * self.from.rotation)
     }
 
     /// `solid_from_world` at a fraction of the step, in single precision.

@@ -30,19 +30,12 @@ pub struct BakeParams {
 impl BakeParams {
     /// Cell from the thinnest feature, 64 MiB, half a centimetre of free space around.
     pub fn automatic() -> Self {
-        Self {
-            cell: None,
-            max_bytes: DEFAULT_MAX_BYTES,
-            margin: 0.5,
-        }
+        Self { cell: None, max_bytes: DEFAULT_MAX_BYTES, margin: 0.5 }
     }
 
     /// As [`Self::automatic`], with a stated cell in cm.
     pub fn with_cell(cell: f32) -> Self {
-        Self {
-            cell: Some(cell),
-            ..Self::automatic()
-        }
+        Self { cell: Some(cell), ..Self::automatic() }
     }
 }
 
@@ -67,19 +60,11 @@ pub fn bake_from_fn(
     f: impl Fn(Vector3<f32>) -> f32 + Sync,
 ) -> Result<SignedDistanceField, Error> {
     let nodes = SignedDistanceField::plan(&bounds, cell, 1 << 30)?;
-    let lattice = Lattice {
-        origin: bounds.min,
-        cell,
-        nodes,
-    };
+    let lattice = Lattice { origin: bounds.min, cell, nodes };
     let values = lattice.fill(|at| f(lattice.position(at)));
     check_values(&lattice, &values)?;
 
-    let exact = Trust {
-        max_error: 0.0,
-        band: f32::MAX,
-        far_error: 0.0,
-    };
+    let exact = Trust { max_error: 0.0, band: f32::MAX, far_error: 0.0 };
     let field = SignedDistanceField::from_values(bounds.min, cell, nodes, values, exact);
     let error = measure(&lattice, &field, |_| true, &f, cell).max(round_off(&bounds));
     Ok(SignedDistanceField::from_values(
@@ -87,11 +72,7 @@ pub fn bake_from_fn(
         cell,
         nodes,
         field.into_values(),
-        Trust {
-            max_error: error,
-            band: f32::MAX,
-            far_error: error,
-        },
+        Trust { max_error: error, band: f32::MAX, far_error: error },
     ))
 }
 
@@ -109,42 +90,22 @@ pub fn bake_from_mesh(
 }
 
 /// Bakes a mesh already checked.
-pub(crate) fn bake_closed(
-    closed: &ClosedMesh,
-    params: BakeParams,
-) -> Result<SignedDistanceField, Error> {
+pub(crate) fn bake_closed(closed: &ClosedMesh, params: BakeParams) -> Result<SignedDistanceField, Error> {
     let mesh = &closed.mesh;
     if !(params.margin.is_finite() && params.margin >= 0.0) {
-        return Err(Error::BadParameter {
-            name: "margin",
-            value: params.margin,
-            above: 0.0,
-        });
+        return Err(Error::BadParameter { name: "margin", value: params.margin, above: 0.0 });
     }
     let (bounds, cell, nodes) = plan_mesh(mesh, closed.bounds, &params)?;
     let _span = tracing::debug_span!("bake", cell, ?nodes).entered();
 
     let exact = |p: Vector3<f32>| mesh_distance(mesh, p);
-    let lattice = Lattice {
-        origin: bounds.min,
-        cell,
-        nodes,
-    };
+    let lattice = Lattice { origin: bounds.min, cell, nodes };
     let blocks = Blocks::new(&lattice, BAND_CELLS * cell, exact);
-    let values = lattice.fill(|at| {
-        if blocks.touches_near(at) {
-            exact(lattice.position(at))
-        } else {
-            blocks.coarse_value(at)
-        }
-    });
+    let values =
+        lattice.fill(|at| if blocks.touches_near(at) { exact(lattice.position(at)) } else { blocks.coarse_value(at) });
     check_values(&lattice, &values)?;
 
-    let draft = Trust {
-        max_error: 0.0,
-        band: f32::MAX,
-        far_error: 0.0,
-    };
+    let draft = Trust { max_error: 0.0, band: f32::MAX, far_error: 0.0 };
     let field = SignedDistanceField::from_values(bounds.min, cell, nodes, values, draft);
     let slack = round_off(&bounds);
     let max_error = measure(&lattice, &field, |at| blocks.is_near(at), exact, cell).max(slack);
@@ -155,11 +116,7 @@ pub(crate) fn bake_closed(
         cell,
         nodes,
         field.into_values(),
-        Trust {
-            max_error,
-            band: BAND_CELLS * cell,
-            far_error,
-        },
+        Trust { max_error, band: BAND_CELLS * cell, far_error },
     ))
 }
 
@@ -177,11 +134,7 @@ fn mesh_distance(mesh: &TriMesh, p: Vector3<f32>) -> f32 {
 }
 
 /// Box, cell and node counts of a mesh's grid.
-fn plan_mesh(
-    mesh: &TriMesh,
-    solid: Bounds,
-    params: &BakeParams,
-) -> Result<(Bounds, f32, [usize; 3]), Error> {
+fn plan_mesh(mesh: &TriMesh, solid: Bounds, params: &BakeParams) -> Result<(Bounds, f32, [usize; 3]), Error> {
     /// Each retry enlarges the cell by this factor; 200 of them span eight orders of magnitude.
     const GROWTH: f32 = 1.1;
     const RETRIES: usize = 200;
@@ -189,11 +142,7 @@ fn plan_mesh(
     let rim = |cell: f32| solid.grown(params.margin.max(2.0 * cell));
     if let Some(cell) = params.cell {
         let bounds = rim(cell);
-        return Ok((
-            bounds,
-            cell,
-            SignedDistanceField::plan(&bounds, cell, params.max_bytes)?,
-        ));
+        return Ok((bounds, cell, SignedDistanceField::plan(&bounds, cell, params.max_bytes)?));
     }
     let mut cell = smallest_half_thickness(mesh) / CELLS_PER_HALF_THICKNESS;
     let mut retries = 0;
@@ -225,14 +174,11 @@ impl Lattice {
     fn fill(&self, f: impl Fn([usize; 3]) -> f32 + Sync) -> Vec<f32> {
         let [nx, ny, nz] = self.nodes;
         let mut values = vec![0.0; nx * ny * nz];
-        values
-            .par_chunks_mut(nx)
-            .enumerate()
-            .for_each(|(row, out)| {
-                for (i, v) in out.iter_mut().enumerate() {
-                    *v = f([i, row % ny, row / ny]);
-                }
-            });
+        values.par_chunks_mut(nx).enumerate().for_each(|(row, out)| {
+            for (i, v) in out.iter_mut().enumerate() {
+                *v = f([i, row % ny, row / ny]);
+            }
+        });
         values
     }
 
@@ -253,10 +199,7 @@ fn check_values(lattice: &Lattice, values: &[f32]) -> Result<(), Error> {
         if !d.is_finite() {
             Some(Error::NonFiniteDistance { position })
         } else if d <= 0.0 && lattice.on_face(at) {
-            Some(Error::TouchesBounds {
-                distance: d,
-                position,
-            })
+            Some(Error::TouchesBounds { distance: d, position })
         } else {
             None
         }
@@ -287,11 +230,7 @@ fn measure(
                     continue;
                 }
                 let excess = sampled - exact(p);
-                worst = worst.max(if sampled <= cell {
-                    excess.abs()
-                } else {
-                    excess
-                });
+                worst = worst.max(if sampled <= cell { excess.abs() } else { excess });
             }
             worst
         })
@@ -312,11 +251,7 @@ impl Blocks {
     fn new(fine: &Lattice, band: f32, exact: impl Fn(Vector3<f32>) -> f32 + Sync) -> Self {
         let count = fine.nodes.map(|n| (n - 1).div_ceil(BLOCK));
         let edge = BLOCK as f32 * fine.cell;
-        let corners = Lattice {
-            origin: fine.origin,
-            cell: edge,
-            nodes: count.map(|n| n + 1),
-        };
+        let corners = Lattice { origin: fine.origin, cell: edge, nodes: count.map(|n| n + 1) };
         let values = corners.fill(|at| exact(corners.position(at)));
         let [bx, by, bz] = count;
         // No point of a block is farther from its nearest corner than half the diagonal.
@@ -327,12 +262,7 @@ impl Blocks {
                 (0..8).any(|c| values[corner_index(&corners, at, c)].abs() <= reach)
             })
             .collect();
-        Self {
-            count,
-            corners,
-            values,
-            near,
-        }
+        Self { count, corners, values, near }
     }
 
     fn near_block(&self, at: [usize; 3]) -> bool {
@@ -348,11 +278,7 @@ impl Blocks {
     fn touches_near(&self, at: [usize; 3]) -> bool {
         let range = |k: usize| {
             let upper = (at[k] / BLOCK).min(self.count[k] - 1);
-            let lower = if at[k] % BLOCK == 0 {
-                (at[k] / BLOCK).saturating_sub(1)
-            } else {
-                upper
-            };
+            let lower = if at[k].is_multiple_of(BLOCK) { (at[k] / BLOCK).saturating_sub(1) } else { upper };
             lower..=upper
         };
         range(2).any(|z| range(1).any(|y| range(0).any(|x| self.near_block([x, y, z]))))
@@ -364,9 +290,7 @@ impl Blocks {
         let t = [0, 1, 2].map(|k: usize| (at[k] - block[k] * BLOCK) as f32 / BLOCK as f32);
         (0..8)
             .map(|c| {
-                let weight: f32 = (0..3)
-                    .map(|k| if c >> k & 1 == 1 { t[k] } else { 1.0 - t[k] })
-                    .product();
+                let weight: f32 = (0..3).map(|k| if c >> k & 1 == 1 { t[k] } else { 1.0 - t[k] }).product();
                 weight * self.values[corner_index(&self.corners, block, c)]
             })
             .sum()
@@ -391,11 +315,7 @@ impl Blocks {
                 // The last block may stick out; outside the grid sampling is a bound of its own.
                 let p = (self.corners.position(at) + half).inf(&field.bounds().max);
                 let sampled = field.distance(p);
-                if sampled > 0.0 {
-                    sampled - exact(p)
-                } else {
-                    0.0
-                }
+                if sampled > 0.0 { sampled - exact(p) } else { 0.0 }
             })
             .reduce(|| 0.0, f32::max);
         worst * SAFETY

@@ -52,10 +52,7 @@ impl Bounds {
 
     /// Largest distance of a point of the box from `origin`, cm.
     pub fn max_distance_from(&self, origin: &Vector3<f32>) -> f32 {
-        (self.min - origin)
-            .abs()
-            .sup(&(self.max - origin).abs())
-            .norm()
+        (self.min - origin).abs().sup(&(self.max - origin).abs()).norm()
     }
 }
 
@@ -105,11 +102,7 @@ impl SignedDistanceField {
         values: Vec<f32>,
         trust: Trust,
     ) -> Self {
-        assert_eq!(
-            values.len(),
-            nodes[0] * nodes[1] * nodes[2],
-            "one value per node"
-        );
+        assert_eq!(values.len(), nodes[0] * nodes[1] * nodes[2], "one value per node");
         Self {
             origin,
             cell,
@@ -134,40 +127,21 @@ impl SignedDistanceField {
     /// [`Error::BadParameter`] for a cell or box that is not positive and finite, [`Error::TooLarge`] past `max_bytes`.
     pub(crate) fn plan(bounds: &Bounds, cell: f32, max_bytes: usize) -> Result<[usize; 3], Error> {
         if !(cell.is_finite() && cell > 0.0) {
-            return Err(Error::BadParameter {
-                name: "cell",
-                value: cell,
-                above: 0.0,
-            });
+            return Err(Error::BadParameter { name: "cell", value: cell, above: 0.0 });
         }
         let size = bounds.size();
-        for (name, value) in [
-            ("bounds along x", size.x),
-            ("bounds along y", size.y),
-            ("bounds along z", size.z),
-        ] {
+        for (name, value) in [("bounds along x", size.x), ("bounds along y", size.y), ("bounds along z", size.z)] {
             if !(value.is_finite() && value > 0.0) {
-                return Err(Error::BadParameter {
-                    name,
-                    value,
-                    above: 0.0,
-                });
+                return Err(Error::BadParameter { name, value, above: 0.0 });
             }
         }
-        let nodes: [usize; 3] = [size.x, size.y, size.z]
-            .map(|s| (f64::from(s) / f64::from(cell)).ceil().min(1e9) as usize + 1);
+        let nodes: [usize; 3] =
+            [size.x, size.y, size.z].map(|s| (f64::from(s) / f64::from(cell)).ceil().min(1e9) as usize + 1);
         let nodes = nodes.map(|n| n.max(2));
-        let total = nodes
-            .iter()
-            .try_fold(1usize, |a, &n| a.checked_mul(n))
-            .unwrap_or(usize::MAX);
+        let total = nodes.iter().try_fold(1usize, |a, &n| a.checked_mul(n)).unwrap_or(usize::MAX);
         let bytes = total.saturating_mul(size_of::<f32>());
         if total > MAX_NODES || bytes > max_bytes {
-            return Err(Error::TooLarge {
-                nodes,
-                bytes,
-                max_bytes,
-            });
+            return Err(Error::TooLarge { nodes, bytes, max_bytes });
         }
         Ok(nodes)
     }
@@ -212,11 +186,7 @@ impl SignedDistanceField {
     #[inline]
     pub fn distance(&self, p: Vector3<f32>) -> f32 {
         let g = (p - self.origin) * self.inv_cell;
-        if self.holds(&g) {
-            self.interpolate(&g)
-        } else {
-            self.distance_outside(&g)
-        }
+        if self.holds(&g) { self.interpolate(&g) } else { self.distance_outside(&g) }
     }
 
     /// Signed distance and its gradient at `p` (solid's frame). Inside the grid the gradient is exactly that of the
@@ -224,14 +194,11 @@ impl SignedDistanceField {
     #[inline]
     pub fn distance_gradient(&self, p: Vector3<f32>) -> (f32, Vector3<f32>) {
         let g = (p - self.origin) * self.inv_cell;
-        if self.holds(&g) {
-            self.interpolate_gradient(&g)
-        } else {
-            self.gradient_outside(&g)
-        }
+        if self.holds(&g) { self.interpolate_gradient(&g) } else { self.gradient_outside(&g) }
     }
 
-    /// A number the true distance at `p` is never below: the sample less the error that holds at that distance.
+    /// A number the true distance at `p` is never below, for `p` outside or within a cell beneath the surface: the sample
+    /// less the error that holds at that distance.
     #[inline]
     pub fn lower_bound(&self, p: Vector3<f32>) -> f32 {
         let d = self.distance(p);
@@ -241,8 +208,7 @@ impl SignedDistanceField {
     /// What a sampled distance `d` surely guarantees, cm. See [`Self::lower_bound`].
     #[inline]
     pub fn surely(&self, d: f32) -> f32 {
-        let near = d.min(self.band) - self.max_error;
-        near.max(d - self.far_error)
+        if d > self.band { (d - self.far_error).max(self.band - self.max_error) } else { d - self.max_error }
     }
 
     /// Unit normal pointing out of the solid at `p`, and the distance there. Where the gradient vanishes (the middle of
@@ -259,11 +225,7 @@ impl SignedDistanceField {
         // way out. The best of the 26 neighbours is taken, the first of equals.
         let mut best = (self.distance(p), Vector3::zeros());
         for k in 0..27 {
-            let step = Vector3::new(
-                (k % 3) as f32 - 1.0,
-                (k / 3 % 3) as f32 - 1.0,
-                (k / 9) as f32 - 1.0,
-            ) * h;
+            let step = Vector3::new((k % 3) as f32 - 1.0, (k / 3 % 3) as f32 - 1.0, (k / 9) as f32 - 1.0) * h;
             let d = self.distance(p + step);
             if d > best.0 + 1e-6 * h {
                 best = (d, step);
@@ -276,24 +238,17 @@ impl SignedDistanceField {
     #[inline(always)]
     fn holds(&self, g: &Vector3<f32>) -> bool {
         // Bitwise and: six comparisons without six branches.
-        (g.x >= 0.0)
-            & (g.y >= 0.0)
-            & (g.z >= 0.0)
-            & (g.x <= self.last.x)
-            & (g.y <= self.last.y)
-            & (g.z <= self.last.z)
+        (g.x >= 0.0) & (g.y >= 0.0) & (g.z >= 0.0) & (g.x <= self.last.x) & (g.y <= self.last.y) & (g.z <= self.last.z)
     }
 
     #[inline(always)]
     fn place(&self, g: &Vector3<f32>) -> Place {
         let [nx, ny, nz] = self.nodes;
-        let i = (g.x as usize).min(nx - 2);
-        let j = (g.y as usize).min(ny - 2);
-        let k = (g.z as usize).min(nz - 2);
-        Place {
-            first: (k * ny + j) * nx + i,
-            t: Vector3::new(g.x - i as f32, g.y - j as f32, g.z - k as f32),
-        }
+        // Through 32 bits: the conversion to 64 takes several instructions more.
+        let i = (g.x as i32 as usize).min(nx - 2);
+        let j = (g.y as i32 as usize).min(ny - 2);
+        let k = (g.z as i32 as usize).min(nz - 2);
+        Place { first: (k * ny + j) * nx + i, t: Vector3::new(g.x - i as f32, g.y - j as f32, g.z - k as f32) }
     }
 
     /// The eight corner values of a cell: pairs along x, at (y, z) = (0,0), (1,0), (0,1), (1,1).
@@ -303,12 +258,7 @@ impl SignedDistanceField {
         let slab = row * self.nodes[1];
         // The last pair first: its bounds check implies the other three.
         let p3 = self.pair(first + slab + row);
-        [
-            self.pair(first),
-            self.pair(first + row),
-            self.pair(first + slab),
-            p3,
-        ]
+        [self.pair(first), self.pair(first + row), self.pair(first + slab), p3]
     }
 
     #[inline(always)]
@@ -362,13 +312,8 @@ impl SignedDistanceField {
         let d = d.max(0.0);
         let total = gap.norm().hypot(d);
         // Along an axis on which the point is outside, q does not move with p: only the gap does.
-        let along_face =
-            gradient.zip_zip_map(g, &q, |slope, a, b| if a == b { slope } else { 0.0 });
-        if total > 0.0 {
-            (total, (gap + along_face * d) / total)
-        } else {
-            (total, gradient)
-        }
+        let along_face = gradient.zip_zip_map(g, &q, |slope, a, b| if a == b { slope } else { 0.0 });
+        if total > 0.0 { (total, (gap + along_face * d) / total) } else { (total, gradient) }
     }
 }
 

@@ -29,11 +29,7 @@ impl ClosedMesh {
         let n_vertices = positions.len();
         for (triangle, corners) in triangles.iter().enumerate() {
             if let Some(&vertex) = corners.iter().find(|&&v| v as usize >= n_vertices) {
-                return Err(Error::UnknownVertex {
-                    triangle,
-                    vertex,
-                    n_vertices,
-                });
+                return Err(Error::UnknownVertex { triangle, vertex, n_vertices });
             }
         }
         let same_as = weld(positions);
@@ -44,34 +40,22 @@ impl ClosedMesh {
             .collect();
         let bounds = Bounds::around(positions).filter(|_| welded.len() >= 4 && n_vertices >= 4);
         let Some(bounds) = bounds else {
-            return Err(Error::EmptyMesh {
-                n_vertices,
-                n_triangles: welded.len(),
-            });
+            return Err(Error::EmptyMesh { n_vertices, n_triangles: welded.len() });
         };
         check_edges(&welded)?;
 
         let volume_cm3 = signed_volume(positions, &welded, &bounds);
         let box_cm3 = bounds.size().iter().map(|&s| f64::from(s)).product::<f64>();
         if volume_cm3.abs() <= FLAT_SHARE * box_cm3 {
-            return Err(Error::NoVolume {
-                volume_cm3,
-                box_cm3,
-            });
+            return Err(Error::NoVolume { volume_cm3, box_cm3 });
         }
         if volume_cm3 < 0.0 {
             return Err(Error::InwardFacing { volume_cm3 });
         }
 
-        let vertices = positions
-            .iter()
-            .map(|p| Vector::new(p[0], p[1], p[2]))
-            .collect();
-        let mesh = TriMesh::with_flags(vertices, welded, TriMeshFlags::ORIENTED).map_err(|e| {
-            Error::Unusable {
-                reason: e.to_string(),
-            }
-        })?;
+        let vertices = positions.iter().map(|p| Vector::new(p[0], p[1], p[2])).collect();
+        let mesh = TriMesh::with_flags(vertices, welded, TriMeshFlags::ORIENTED)
+            .map_err(|e| Error::Unusable { reason: e.to_string() })?;
         Ok(Self { mesh, bounds })
     }
 }
@@ -115,22 +99,13 @@ fn check_edges(triangles: &[[u32; 3]]) -> Result<(), Error> {
         }
     }
     if let Some(first) = open.first {
-        return Err(Error::OpenMesh {
-            n_edges: open.count,
-            first,
-        });
+        return Err(Error::OpenMesh { n_edges: open.count, first });
     }
     if let Some(first) = crowded.first {
-        return Err(Error::NonManifold {
-            n_edges: crowded.count,
-            first,
-        });
+        return Err(Error::NonManifold { n_edges: crowded.count, first });
     }
     if let Some(first) = twisted.first {
-        return Err(Error::InconsistentWinding {
-            n_edges: twisted.count,
-            first,
-        });
+        return Err(Error::InconsistentWinding { n_edges: twisted.count, first });
     }
     Ok(())
 }
@@ -152,9 +127,5 @@ impl Defect {
 fn signed_volume(positions: &[[f32; 3]], triangles: &[[u32; 3]], bounds: &Bounds) -> f64 {
     let middle = bounds.center().cast::<f64>();
     let at = |v: u32| nalgebra::Vector3::from(positions[v as usize]).cast::<f64>() - middle;
-    triangles
-        .iter()
-        .map(|&[a, b, c]| at(a).dot(&at(b).cross(&at(c))))
-        .sum::<f64>()
-        / 6.0
+    triangles.iter().map(|&[a, b, c]| at(a).dot(&at(b).cross(&at(c)))).sum::<f64>() / 6.0
 }

@@ -1,0 +1,11 @@
+//! Laws of the collision crate: distance fields against closed forms and brute force, contacts and interpolation checks
+//! against dense sampling, forces against conservation.
+
+mod clearance;
+mod closed_forms;
+mod contact;
+mod forces;
+mod mesh_bake;
+mod meshes;
+mod random;
+mod solids;
