@@ -43,3 +43,4 @@ pub use motion::{MotionEnd, PoseKey, PoseMotion};
 pub use scene::Scene;
 pub use skinning_model::{MaterialRecord, SkinningModel, WeightPoly};
 pub use tfx::read_tfx;
+pub use usd::{CurvesLook, UsdaTiming, UsdaWriter};
