@@ -1,6 +1,6 @@
 //! Signed distance fields of rigid solids, in the solid's own frame (AS16 §5.1).
 //!
-//! [`grid`] samples, [`bake`] computes the values from a function or a closed mesh, [`mesh`] refuses what has no inside.
+//! [`grid`] samples, [`bake`] computes the values from a function or a closed mesh, `mesh` refuses what has no inside.
 //! Positive outside, negative inside, centimetres throughout.
 
 pub mod bake;
