@@ -25,6 +25,7 @@ pub mod envelope;
 pub mod error;
 pub mod frames;
 pub mod groom;
+pub mod guide_transform;
 pub mod hair;
 pub mod mesh;
 pub mod motion;
