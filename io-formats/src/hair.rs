@@ -40,6 +40,9 @@ pub fn parse_hair(path: &Path, bytes: &[u8], unit: LengthUnit) -> Result<Groom> 
     let default_segments = r.u32("default segments")?;
     r.seek(0);
     r.take(HEADER_BYTES, 1, "header")?;
+    if n_strands == 0 {
+        return Err(r.bad("strand count", 4, "no strands"));
+    }
     if bits & HAS_POINTS == 0 {
         return Err(r.bad("array bits", 12, format!("{bits:#x} announces no points")));
     }
@@ -49,7 +52,6 @@ pub fn parse_hair(path: &Path, bytes: &[u8], unit: LengthUnit) -> Result<Groom> 
         let raw = r.take(u64::from(n_strands), 2, "segment counts")?;
         raw.chunks_exact(2).map(|b| u32::from(u16::from_le_bytes([b[0], b[1]])) + 1).collect()
     } else {
-        // Each strand takes at least one point, so the file's length bounds the strand count here too.
         let expected = u64::from(n_strands) * (u64::from(default_segments) + 1);
         if expected != u64::from(n_points) {
             let why = format!(
@@ -57,6 +59,7 @@ pub fn parse_hair(path: &Path, bytes: &[u8], unit: LengthUnit) -> Result<Groom> 
             );
             return Err(r.bad("point count", 8, why));
         }
+        // Each strand takes at least one point, so the file's length bounds the strand count here too.
         let bytes_left = (bytes.len() as u64).saturating_sub(HEADER_BYTES);
         if u64::from(n_strands) * 12 > bytes_left {
             return Err(Error::Truncated {

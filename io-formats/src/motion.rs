@@ -16,9 +16,6 @@ const MAX_TURN_RAD: f64 = 1.0 * std::f64::consts::PI / 180.0;
 /// Most intermediate keys in one gap; reached only by nonsense.
 const MAX_INSERTED: usize = 1000;
 
-/// Sine below which two rotations count as opposite and their interpolation as undefined.
-const SLERP_EPSILON: f64 = 1e-9;
-
 /// One timed pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseKey {
@@ -133,9 +130,9 @@ impl PoseMotion {
             (Some(a), Some(b)) => {
                 let s = (t - a.time_s) / (b.time_s - a.time_s);
                 let translation: Translation3<f64> = a.translation_cm.lerp(&b.translation_cm, s).into();
-                // Half a turn apart there is no shortest way; holding the nearer key is as good as any.
-                let nearer = if s < 0.5 { a.rotation } else { b.rotation };
-                let rotation = a.rotation.try_slerp(&b.rotation, s, SLERP_EPSILON).unwrap_or(nearer);
+                // By axis and angle: the arc cosine of the usual slerp is off by 1e-7 rad for small turns, and undefined
+                // for half a turn, where any of the ways round will do.
+                let rotation = a.rotation * (a.rotation.inverse() * b.rotation).powf(s);
                 Isometry3::from_parts(translation, rotation)
             }
         }
