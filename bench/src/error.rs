@@ -1,0 +1,51 @@
+//! The error type of this crate.
+
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+/// Why a groom, solid or picture could not be made.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A solid could not be baked.
+    #[error("cannot bake solid {name}: {source}")]
+    Bake {
+        /// The solid's name.
+        name: String,
+        /// What was wrong with it.
+        source: collision::Error,
+    },
+    /// A parameter is out of its range.
+    #[error("{name} is {value}, but must be finite and at least {least}")]
+    BadParameter {
+        /// The parameter.
+        name: &'static str,
+        /// The value given.
+        value: f64,
+        /// Least value that makes sense.
+        least: f64,
+    },
+    /// The head given has no scalp where hair could grow.
+    #[error("no scalp found on solid {name}: hair grows on a head about the origin, face along +z, as built by `shapes::head`")]
+    NoScalp {
+        /// The solid's name.
+        name: String,
+    },
+    /// A picture could not be written.
+    #[error("cannot write {path}: {source}", path = path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// A picture could not be encoded.
+    #[error("cannot encode {path}: {source}", path = path.display())]
+    Png {
+        /// The file.
+        path: PathBuf,
+        /// The encoder's reason.
+        source: png::EncodingError,
+    },
+}

@@ -1,0 +1,385 @@
+//! A combed head of hair, of any strand count, from a seed.
+//!
+//! Roots follow a low-discrepancy sequence over the scalp, so that any count covers it evenly and every prefix of a groom
+//! is an even, sparser groom. A strand leaves along the normal, turns into a smooth field of combing directions (from the
+//! forehead back and down) and then hangs, kept at a distance from the head that grows along the strand: hair that has
+//! come far lies on top of hair rooted there. Invariant: the root is on the surface and every other particle at least
+//! [`LEAST_DISTANCE_CM`] outside.
+
+use collision::{SignedDistanceField, Solid};
+use io_formats::groom::UniformGroom;
+use nalgebra::Vector3;
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use rayon::prelude::*;
+
+use crate::error::Error;
+use crate::shapes::CRANIUM_CENTER;
+
+/// Shape of the strands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Style {
+    /// Straight, with slight irregularities.
+    Straight,
+    /// With waves whose phase runs smoothly over the scalp.
+    Wavy,
+}
+
+/// What to grow, and on what.
+#[derive(Debug, Clone, Copy)]
+pub struct GroomParams<'a> {
+    /// Shape of the strands.
+    pub style: Style,
+    /// Number of strands.
+    pub strands: usize,
+    /// Particles of each strand, root included; at least 2.
+    pub particles: usize,
+    /// Mean strand length, cm; strands differ from it smoothly by up to a tenth.
+    pub length_cm: f32,
+    /// Seed of roots and irregularities.
+    pub seed: u64,
+    /// The head, as built by [`crate::shapes::head`].
+    pub head: &'a Solid,
+}
+
+/// Every particle but the root keeps at least this distance from the head, cm.
+pub const LEAST_DISTANCE_CM: f32 = 0.1;
+
+/// Distance kept while a strand is drawn; resampling may cut a little off it.
+const DRAWN_DISTANCE_CM: f32 = 0.2;
+/// Step along a strand while it is drawn, cm.
+const STEP_CM: f32 = 0.2;
+/// Arc length over which a strand's direction follows the field, cm: stiffness, as it were.
+const BEND_CM: f32 = 0.55;
+const WAVE_AMPLITUDE_CM: f32 = 0.4;
+const WAVE_LENGTH_CM: f32 = 4.0;
+
+/// Grows a groom.
+///
+/// # Errors
+/// Fewer than one strand or two particles, a length under 1 cm, a head without a scalp.
+pub fn generate(params: &GroomParams) -> Result<UniformGroom, Error> {
+    let least = |name, value: f64, least: f64| {
+        if value.is_finite() && value >= least { Ok(()) } else { Err(Error::BadParameter { name, value, least }) }
+    };
+    least("strands", params.strands as f64, 1.0)?;
+    least("particles", params.particles as f64, 2.0)?;
+    least("length_cm", f64::from(params.length_cm), 1.0)?;
+
+    let roots = roots(params)?;
+    let mut points = vec![[0.0; 3]; params.strands * params.particles];
+    points
+        .par_chunks_mut(params.particles)
+        .zip(&roots)
+        .enumerate()
+        .for_each(|(n, (out, &root))| grow(params, n as u64, root, out));
+    Ok(UniformGroom { n_strands: params.strands, n_particles: params.particles, points })
+}
+
+/// Evenly spread points on the scalp, by a three-dimensional Kronecker sequence: two coordinates for the direction
+/// from the cranium's centre, the third thins out where a direction covers less surface.
+fn roots(params: &GroomParams) -> Result<Vec<Vector3<f32>>, Error> {
+    /// Powers of the inverse of the root of x^4 = x + 1, which make the sequence's gaps most even in three dimensions.
+    const ALPHA: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_970_2];
+    /// Largest surface per direction on a head of about 9 cm, cm^2.
+    const MOST_SURFACE: f32 = 120.0;
+    /// About one direction in five is kept; a hundred times that many without success means there is no scalp.
+    const TRIES_PER_ROOT: usize = 500;
+
+    let sdf = &params.head.sdf;
+    let mut random = Pcg64Mcg::seed_from_u64(params.seed);
+    let shift: [f64; 3] = random.random();
+    let mut roots = Vec::with_capacity(params.strands);
+    for n in 0..params.strands.saturating_mul(TRIES_PER_ROOT).max(10_000) {
+        let u = [0, 1, 2].map(|k: usize| (shift[k] + ALPHA[k] * (n + 1) as f64).fract() as f32);
+        let height = 2.0 * u[0] - 1.0;
+        let across = (1.0 - height * height).max(0.0).sqrt();
+        let (sin, cos) = (2.0 * std::f32::consts::PI * u[1]).sin_cos();
+        let direction = Vector3::new(across * sin, height, across * cos);
+        if !is_scalp(&direction) {
+            continue;
+        }
+        let Some(root) = surface_along(sdf, &direction) else { continue };
+        let center = Vector3::from(CRANIUM_CENTER);
+        let (_, normal) = sdf.outward_normal(root);
+        let surface = (root - center).norm_squared() / normal.dot(&direction).max(0.2);
+        if u[2] * MOST_SURFACE < surface {
+            roots.push(root);
+            if roots.len() == params.strands {
+                return Ok(roots);
+            }
+        }
+    }
+    Err(Error::NoScalp { name: params.head.name.clone() })
+}
+
+/// Whether hair grows in a direction from the cranium's centre: above a line that runs over the forehead, down the
+/// temples, around the ears and along the nape.
+fn is_scalp(direction: &Vector3<f32>) -> bool {
+    let elevation = direction.y.clamp(-1.0, 1.0).asin().to_degrees();
+    let turn = direction.x.abs().atan2(direction.z).to_degrees();
+    let hairline = 36.0 - 22.0 * smooth_step(22.0, 58.0, turn) - 8.0 * smooth_step(60.0, 85.0, turn)
+        - 38.0 * smooth_step(88.0, 125.0, turn);
+    elevation > hairline
+}
+
+/// Where a ray from the cranium's centre leaves the head, bisected between inside and outside.
+fn surface_along(sdf: &SignedDistanceField, direction: &Vector3<f32>) -> Option<Vector3<f32>> {
+    const REACH_CM: f32 = 14.0;
+    const HALVINGS: usize = 24;
+    let at = |t: f32| Vector3::from(CRANIUM_CENTER) + direction * t;
+    let (mut inside, mut outside) = (0.0, REACH_CM);
+    if sdf.distance(at(inside)) >= 0.0 || sdf.distance(at(outside)) <= 0.0 {
+        return None;
+    }
+    for _ in 0..HALVINGS {
+        let t = 0.5 * (inside + outside);
+        if sdf.distance(at(t)) < 0.0 { inside = t } else { outside = t }
+    }
+    Some(at(outside))
+}
+
+/// Draws one strand finely and resamples it to the particles of `out`.
+fn grow(params: &GroomParams, strand: u64, root: Vector3<f32>, out: &mut [[f32; 3]]) {
+    let sdf = &params.head.sdf;
+    let mut random = Pcg64Mcg::seed_from_u64(params.seed ^ (strand + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+    let length = params.length_cm * (1.0 + 0.1 * noise(root * 0.15, params.seed ^ 1));
+    let layer: f32 = random.random();
+    let lean = Vector3::from(random.random::<[f32; 3]>()).add_scalar(-0.5) * 0.07;
+    // Waves make a strand longer than its axis.
+    let drawn = if params.style == Style::Wavy { 1.02 * length } else { length } + 2.0 * STEP_CM;
+
+    let (_, normal) = sdf.outward_normal(root);
+    let mut axis = vec![root];
+    let mut direction = normal;
+    let mut p = root;
+    let steps = (drawn / STEP_CM).ceil() as usize;
+    for n in 1..=steps {
+        let s = n as f32 * STEP_CM;
+        let (d, normal) = sdf.outward_normal(p);
+        let mut wanted = combed(p, root) + lean;
+        for (k, w) in wanted.iter_mut().enumerate() {
+            *w += 0.06 * noise(p * 0.2, params.seed ^ (2 + k as u64));
+        }
+        let kept = (0.25 + 0.45 * layer + 0.04 * s.min(20.0)) * smooth_step(0.0, 2.5, s);
+        let near = 1.0 - smooth_step(kept, kept + 0.6, d);
+        wanted -= normal * (wanted.dot(&normal).min(0.0) * near);
+        wanted += normal * (1.2 * (kept - d)).clamp(-0.25, 1.0);
+        let wanted = wanted.try_normalize(1e-3).unwrap_or(direction);
+        // The first millimetres stand up; a strand then gives way to the comb within a bend length.
+        let follow = (STEP_CM / BEND_CM) * smooth_step(0.0, 0.6, s);
+        direction = direction.lerp(&wanted, follow).try_normalize(1e-3).unwrap_or(wanted);
+        p += direction * STEP_CM;
+        p = pushed_out(sdf, p);
+        axis.push(p);
+    }
+    if params.style == Style::Wavy {
+        let phase = std::f32::consts::PI * (2.5 * noise(root * 0.22, params.seed ^ 5) + 0.25 * random.random::<f32>());
+        wave(sdf, &mut axis, phase);
+    }
+    resample(&axis, length, out);
+    for point in out.iter_mut().skip(1) {
+        let p = Vector3::from(*point);
+        // Rarely needed: only where resampling cuts a corner closer than the slack allows.
+        if sdf.distance(p) < 1.2 * LEAST_DISTANCE_CM {
+            *point = pushed_out(sdf, p).into();
+        }
+    }
+}
+
+/// Direction in which hair at `p` from `root` is combed; not of unit length. Back from the forehead and over the crown,
+/// away from the face at the temples, down everywhere else.
+fn combed(p: Vector3<f32>, root: Vector3<f32>) -> Vector3<f32> {
+    let over_head = smooth_step(-6.0, 4.0, p.y);
+    let front = smooth_step(-7.0, 5.0, p.z);
+    let back = over_head * (0.2 + 1.5 * front);
+    // Hair parts to the side it grows on, more so towards the back.
+    let side = 0.10 * root.x * smooth_step(0.0, 6.0, p.y);
+    Vector3::new(side, -1.0, -back - 0.06)
+}
+
+/// `p`, or the nearest point the drawn distance away from the head.
+fn pushed_out(sdf: &SignedDistanceField, mut p: Vector3<f32>) -> Vector3<f32> {
+    const ROUNDS: usize = 4;
+    for _ in 0..ROUNDS {
+        let d = sdf.distance(p);
+        if d >= DRAWN_DISTANCE_CM {
+            break;
+        }
+        let (d, normal) = sdf.outward_normal(p);
+        p += normal * (DRAWN_DISTANCE_CM - d + 1e-3);
+    }
+    p
+}
+
+/// Displaces a strand's axis sideways and outwards by a wave that fades in over the first centimetres.
+fn wave(sdf: &SignedDistanceField, axis: &mut [Vector3<f32>], phase: f32) {
+    let straight = axis.to_vec();
+    let n = straight.len();
+    for i in 1..n {
+        let s = i as f32 * STEP_CM;
+        let tangent = straight[(i + 1).min(n - 1)] - straight[i - 1];
+        let (_, normal) = sdf.outward_normal(straight[i]);
+        let Some(sideways) = tangent.cross(&normal).try_normalize(1e-4) else { continue };
+        let outwards = sideways.cross(&tangent).try_normalize(1e-4).unwrap_or(normal);
+        let (sin, cos) = (2.0 * std::f32::consts::PI * s / WAVE_LENGTH_CM + phase).sin_cos();
+        let amplitude = WAVE_AMPLITUDE_CM * smooth_step(0.5, 5.0, s);
+        axis[i] = pushed_out(sdf, straight[i] + sideways * (amplitude * sin) + outwards * (0.5 * amplitude * cos));
+    }
+}
+
+/// `out` at equal arc lengths along `line` from its start, up to `length` or its end.
+fn resample(line: &[Vector3<f32>], length: f32, out: &mut [[f32; 3]]) {
+    let arc: Vec<f32> = std::iter::once(0.0)
+        .chain(line.windows(2).scan(0.0, |sum, w| {
+            *sum += (w[1] - w[0]).norm();
+            Some(*sum)
+        }))
+        .collect();
+    let spacing = length.min(arc[arc.len() - 1]) / (out.len() - 1) as f32;
+    let mut segment = 0;
+    for (n, point) in out.iter_mut().enumerate() {
+        let s = spacing * n as f32;
+        while segment + 2 < line.len() && arc[segment + 1] < s {
+            segment += 1;
+        }
+        let step = (arc[segment + 1] - arc[segment]).max(f32::MIN_POSITIVE);
+        *point = line[segment].lerp(&line[segment + 1], ((s - arc[segment]) / step).clamp(0.0, 1.0)).into();
+    }
+}
+
+/// Smooth value noise in about -1..1 with features of unit size.
+fn noise(p: Vector3<f32>, seed: u64) -> f32 {
+    let cell = p.map(f32::floor);
+    let t = (p - cell).map(|t| t * t * t * (t * (6.0 * t - 15.0) + 10.0));
+    (0..8)
+        .map(|c| {
+            let corner = [0, 1, 2].map(|k: usize| (c >> k & 1) as f32);
+            let weight: f32 = (0..3).map(|k| if corner[k] > 0.0 { t[k] } else { 1.0 - t[k] }).product();
+            let at = [0, 1, 2].map(|k: usize| (cell[k] + corner[k]) as i64 as u64);
+            weight * hash(at, seed)
+        })
+        .sum()
+}
+
+/// A number in -1..1 for each lattice point.
+fn hash(at: [u64; 3], seed: u64) -> f32 {
+    let mut h = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    for x in at {
+        h = (h ^ x).wrapping_mul(0xff51_afd7_ed55_8ccd);
+        h ^= h >> 32;
+    }
+    (h >> 40) as f32 / (1u64 << 23) as f32 - 1.0
+}
+
+fn smooth_step(low: f32, high: f32, x: f32) -> f32 {
+    let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shapes::head;
+
+    const PARTICLES: usize = 25;
+    const LENGTH_CM: f32 = 25.0;
+    const ON_SURFACE_CM: f32 = 0.05;
+
+    fn grow_all(head: &Solid, style: Style, strands: usize, seed: u64) -> UniformGroom {
+        generate(&GroomParams { style, strands, particles: PARTICLES, length_cm: LENGTH_CM, seed, head })
+            .expect("a head of hair")
+    }
+
+    fn check(style: Style, least_chord: f32) {
+        let head = head().expect("the built-in head");
+        let groom = grow_all(&head, style, 5_000, 1);
+        assert_eq!((groom.n_strands, groom.n_particles), (5_000, PARTICLES));
+        assert_eq!(groom.points.len(), 5_000 * PARTICLES);
+        for i in 0..groom.n_strands {
+            let strand = groom.strand(i);
+            let chord: Vec<f32> =
+                strand.windows(2).map(|w| (Vector3::from(w[1]) - Vector3::from(w[0])).norm()).collect();
+            let longest = chord.iter().copied().fold(0.0, f32::max);
+            for (n, p) in strand.iter().enumerate() {
+                let d = head.sdf.distance(Vector3::from(*p));
+                assert!(p.iter().all(|x| x.is_finite()), "strand {i} particle {n}");
+                if n == 0 {
+                    assert!(d.abs() < ON_SURFACE_CM, "root {i} is {d} from the surface");
+                } else {
+                    assert!(d >= LEAST_DISTANCE_CM, "strand {i} particle {n} is only {d} away");
+                    assert!(chord[n - 1] > least_chord * longest, "strand {i}: spacing {} of {longest}", chord[n - 1]);
+                }
+            }
+            let length: f32 = chord.iter().sum();
+            assert!((0.8 * LENGTH_CM..=1.11 * LENGTH_CM).contains(&length), "strand {i} is {length} long");
+        }
+    }
+
+    #[test]
+    fn straight_hair_is_evenly_spaced_and_outside_the_head() {
+        // Equal arcs have nearly equal chords; the bend after the root is the tightest.
+        check(Style::Straight, 0.85);
+    }
+
+    #[test]
+    fn wavy_hair_is_evenly_spaced_and_outside_the_head() {
+        check(Style::Wavy, 0.75);
+    }
+
+    #[test]
+    fn a_seed_decides_every_byte_for_any_number_of_threads() {
+        let head = head().expect("the built-in head");
+        let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+        let alone = one.install(|| grow_all(&head, Style::Wavy, 500, 7));
+        assert_eq!(alone, grow_all(&head, Style::Wavy, 500, 7));
+        assert_ne!(alone, grow_all(&head, Style::Wavy, 500, 8));
+    }
+
+    #[test]
+    fn fewer_strands_are_a_prefix_of_more() {
+        let head = head().expect("the built-in head");
+        let few = grow_all(&head, Style::Straight, 200, 3);
+        let more = grow_all(&head, Style::Straight, 400, 3);
+        assert_eq!(few.points, more.points[..few.points.len()]);
+    }
+
+    #[test]
+    fn roots_cover_the_scalp_evenly_and_leave_the_face_free() {
+        let head = head().expect("the built-in head");
+        let groom = grow_all(&head, Style::Straight, 4_000, 1);
+        let roots: Vec<Vector3<f32>> = (0..4_000).map(|i| Vector3::from(groom.strand(i)[0])).collect();
+        let nearest = |i: usize| {
+            (0..roots.len()).filter(|&j| j != i).map(|j| (roots[i] - roots[j]).norm()).fold(f32::INFINITY, f32::min)
+        };
+        let mut gaps: Vec<f32> = (0..roots.len()).step_by(10).map(nearest).collect();
+        gaps.sort_by(f32::total_cmp);
+        // Random points have many close pairs: their lower decile is 0.38 of the median.
+        assert!(gaps[gaps.len() / 10] > 0.5 * gaps[gaps.len() / 2]);
+        // Eyes, nose and mouth.
+        assert!(roots.iter().all(|r| r.z < 4.5 || r.y > 4.0));
+    }
+
+    #[test]
+    fn neighbouring_hairs_are_combed_alike() {
+        let head = head().expect("the built-in head");
+        let groom = grow_all(&head, Style::Wavy, 4_000, 1);
+        let mut spread: Vec<f32> = (0..4_000)
+            .step_by(20)
+            .map(|i| {
+                let root = Vector3::from(groom.strand(i)[0]);
+                let near = (0..4_000)
+                    .filter(|&j| j != i)
+                    .min_by(|&a, &b| {
+                        let d = |j: usize| (Vector3::from(groom.strand(j)[0]) - root).norm();
+                        d(a).total_cmp(&d(b))
+                    })
+                    .unwrap_or(i);
+                (Vector3::from(groom.strand(i)[PARTICLES - 1]) - Vector3::from(groom.strand(near)[PARTICLES - 1])).norm()
+            })
+            .collect();
+        spread.sort_by(f32::total_cmp);
+        // A tenth of the length apart at the tips.
+        assert!(spread[spread.len() / 2] < 0.1 * LENGTH_CM, "median {}", spread[spread.len() / 2]);
+    }
+}
