@@ -4,14 +4,14 @@
 //! deepest point of a segment acts on its two ends by barycentric weight. The penalty is k n nᵀ on two neighbouring
 //! particles, so it stays within the band and its stiffness is bounded by accuracy, not by the step.
 
-use crate::lanes::{LANES, Lane};
-use crate::rig::Topology;
+use crate::lanes::{Lane, Lane3};
 use crate::solve::banded::BandedMatrix;
 use crate::step::{StepInput, StepParams};
 use crate::system::{Batch, BatchState, StrandSystem, get, set};
 use collision::deepest_on_segment;
+use collision::MovingSolid;
 use collision::friction::slip_factor;
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 
 /// Constants of hair-solid contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,29 +35,91 @@ impl ContactParams {
     }
 }
 
-/// One segment touching one solid during one substep.
+/// One segment of one strand touching one solid during one substep.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Contact {
-    lane: usize,
-    /// Rig particles at the segment's ends.
-    ends: [usize; 2],
+pub struct Contact {
+    /// Lane of the strand.
+    pub lane: usize,
+    /// Particles at the segment's ends, in the order of the matrix with the fixed ones counted.
+    pub ends: [usize; 2],
     /// Barycentric weights of the ends.
-    weight: [f64; 2],
+    pub weight: [f64; 2],
     /// Outward normal in the world frame.
-    normal: Vector3<f64>,
+    pub normal: Vector3<f64>,
     /// Gap at the old positions against the solid's new pose, cm; negative inside.
-    gap: f64,
+    pub gap: f64,
     /// Penalty stiffness, dyn/cm.
-    stiffness: f64,
-    /// Velocity of the solid at the contact, cm/s.
-    solid_velocity: Vector3<f64>,
-    friction: f64,
-    /// Velocities of the ends where they are kinematic, zero otherwise.
-    known: Vector3<f64>,
+    pub stiffness: f64,
+    /// Velocity of the solid at the contact relative to what carries the strand, cm/s.
+    pub solid_velocity: Vector3<f64>,
+    /// Coulomb coefficient.
+    pub friction: f64,
+    /// Velocity that prescribed ends contribute at the contact, cm/s.
+    pub known: Vector3<f64>,
 }
 
 /// Gaps up to this are watched, so that a strand closing in stops at the surface and not behind it, cm.
 const WATCHED_GAP_CM: f64 = 0.1;
+
+/// A point where a strand is nearest a solid.
+#[derive(Clone, Copy, Debug)]
+pub struct NearPoint {
+    /// Segment, from particle `segment` to the next.
+    pub segment: usize,
+    /// Position along it, 0 to 1.
+    pub s: f64,
+    /// Outward normal in the world frame.
+    pub normal: Vector3<f64>,
+    /// Signed distance less the contact offset, cm.
+    pub gap: f64,
+}
+
+/// Visits the deepest point of every segment of a strand that comes within watching distance of a solid posed at
+/// `world_from_solid`, from particle `first` on; returns a lower bound of the strand's distance to the solid, cm.
+pub fn near_points(
+    particles: std::ops::Range<usize>,
+    position: impl Fn(usize) -> Vector3<f64>,
+    moving: &MovingSolid,
+    world_from_solid: &Isometry3<f64>,
+    params: &ContactParams,
+    mut visit: impl FnMut(NearPoint),
+) -> f64 {
+    let solid_from_world = world_from_solid.inverse();
+    let sdf = &moving.solid.sdf;
+    let spacing = moving.solid.half_thickness_cm * params.spacing_over_half_thickness as f32;
+    let reach = params.reach() as f32;
+    let in_solid = |i: usize| solid_from_world.transform_point(&position(i).into()).coords.cast::<f32>();
+    let mut a = in_solid(particles.start);
+    let mut distance_a = sdf.lower_bound(a);
+    let mut clear = distance_a;
+    for i in particles.start..particles.end - 1 {
+        let b = in_solid(i + 1);
+        let distance_b = sdf.lower_bound(b);
+        // A distance changes by at most the length walked.
+        let least = 0.5 * (distance_a + distance_b - (b - a).norm());
+        clear = clear.min(least);
+        if least < reach
+            && let Some(hit) = deepest_on_segment(sdf, a, b, spacing, reach)
+        {
+            visit(NearPoint {
+                segment: i,
+                s: f64::from(hit.s),
+                normal: (world_from_solid.rotation * hit.normal.cast::<f64>()).normalize(),
+                gap: f64::from(hit.distance) - params.offset_cm,
+            });
+        }
+        (a, distance_a) = (b, distance_b);
+    }
+    f64::from(clear)
+}
+
+impl ContactParams {
+    /// Distance within which a strand is watched, cm.
+    #[must_use]
+    pub fn reach(&self) -> f64 {
+        self.offset_cm + WATCHED_GAP_CM
+    }
+}
 
 impl StrandSystem {
     /// Finds the contacts of all lanes at the solids' poses at the end of the substep `span` (fractions of the step).
@@ -72,149 +134,99 @@ impl StrandSystem {
         contacts: &mut Vec<Contact>,
     ) {
         let topology = &self.topologies[batch.topology];
-        let first = topology.first_free_main();
+        let (first, n_kin) = (topology.first_free_main(), topology.n_kinematic);
         let contact = &params.contact;
-        let reach = contact.offset_cm + WATCHED_GAP_CM;
         for (k, moving) in input.solids.iter().enumerate() {
             let world_from_solid = moving.pose.at(span.1);
-            let solid_from_world = world_from_solid.inverse();
-            let sdf = &moving.solid.sdf;
-            let spacing = moving.solid.half_thickness_cm * contact.spacing_over_half_thickness as f32;
+            let by_solid = moving.max_displacement() * (span.1 - span.0);
             for lane in 0..batch.strands.len() {
-                if state.clearance[k][lane] - moving.max_displacement() * (span.1 - span.0) > reach {
+                if state.clearance[k][lane] - by_solid > contact.reach() {
                     continue;
                 }
-                let in_solid = |i: usize| -> Vector3<f32> {
-                    let x = get(&state.position[topology.rig_of_main(i)], lane);
-                    solid_from_world.transform_point(&x.into()).coords.cast::<f32>()
-                };
-                let mut a = in_solid(first);
-                let mut distance_a = sdf.lower_bound(a);
-                let mut clear = distance_a;
-                for i in first..self.n_main - 1 {
-                    let b = in_solid(i + 1);
-                    let distance_b = sdf.lower_bound(b);
-                    // A distance field changes by at most the distance walked.
-                    let least = 0.5 * (distance_a + distance_b - (b - a).norm());
-                    clear = clear.min(least);
-                    if least < reach as f32
-                        && let Some(hit) = deepest_on_segment(sdf, a, b, spacing, reach as f32)
-                    {
-                        let ends = [topology.rig_of_main(i), topology.rig_of_main(i + 1)];
-                        let s = f64::from(hit.s);
-                        let weight = [1.0 - s, s];
-                        let normal = (world_from_solid.rotation * hit.normal.cast::<f64>()).normalize();
-                        let velocity = get(&state.velocity[ends[0]], lane) * weight[0]
-                            + get(&state.velocity[ends[1]], lane) * weight[1];
-                        let gap = f64::from(hit.distance) - contact.offset_cm;
-                        if gap + h * normal.dot(&velocity) < 0.0 {
-                            let at = get(&state.position[ends[0]], lane) * weight[0]
-                                + get(&state.position[ends[1]], lane) * weight[1];
-                            let solid_velocity = moving.pose.velocity_at(at, input.dt);
-                            let fastest = contact.max_push_speed + solid_velocity.norm();
-                            let known = if ends[0] < topology.n_kinematic {
-                                get(&state.velocity[ends[0]], lane) * weight[0]
-                            } else {
-                                Vector3::zeros()
-                            };
-                            contacts.push(Contact {
-                                lane,
-                                ends,
-                                weight,
-                                normal,
-                                gap: gap.max(-fastest * h),
-                                stiffness: contact.stiffness_over_inertia * batch.mass[ends[1]][lane] / (h * h),
-                                solid_velocity,
-                                friction: f64::from(moving.solid.friction),
-                                known,
-                            });
-                        }
+                let position = |i: usize| get(&state.position[topology.rig_of_main(i)], lane);
+                let clear = near_points(first..self.n_main, position, moving, &world_from_solid, contact, |near| {
+                    let ends = [topology.rig_of_main(near.segment), topology.rig_of_main(near.segment + 1)];
+                    let weight = [1.0 - near.s, near.s];
+                    let at = |of: &[Lane3], e: usize| get(&of[ends[e]], lane) * weight[e];
+                    let velocity = at(&state.velocity, 0) + at(&state.velocity, 1);
+                    // A strand on its way out is let go, so that the penalty never pulls.
+                    if near.gap + h * near.normal.dot(&velocity) >= 0.0 {
+                        return;
                     }
-                    (a, distance_a) = (b, distance_b);
-                }
-                // The bound is kept as of before this substep's movement, which is subtracted with the rest.
-                state.clearance[k][lane] = f64::from(clear) + moving.max_displacement() * (span.1 - span.0);
-            }
-        }
-    }
-
-    /// Coulomb friction of every contact on the solved velocities.
-    /// Departure from AS16 §7.1: the normal force is the one the implicit solve found, not an estimate before it.
-    pub(crate) fn apply_friction(
-        &self,
-        batch: &Batch,
-        state: &mut BatchState,
-        params: &ContactParams,
-        h: f64,
-        contacts: &[Contact],
-    ) {
-        let topology = &self.topologies[batch.topology];
-        debug_assert!(params.offset_cm >= 0.0);
-        for c in contacts {
-            let [a, b] = c.ends;
-            let velocity = get(&state.velocity[a], c.lane) * c.weight[0] + get(&state.velocity[b], c.lane) * c.weight[1];
-            let force = -c.stiffness * (c.gap + h * c.normal.dot(&velocity));
-            if force <= 0.0 {
-                continue;
-            }
-            // Effective mass of the contact point: an impulse J there moves it by J Σ w²/m.
-            let free = |p: usize| p >= topology.n_kinematic;
-            let inv_mass: f64 = c
-                .ends
-                .iter()
-                .zip(c.weight)
-                .filter(|(p, _)| free(**p))
-                .map(|(&p, w)| w * w / batch.mass[p][c.lane])
-                .sum();
-            if inv_mass <= 0.0 {
-                continue;
-            }
-            let relative = velocity - c.solid_velocity;
-            let tangential = relative - c.normal * c.normal.dot(&relative);
-            let left = slip_factor(
-                tangential.norm() as f32,
-                c.friction as f32,
-                force as f32,
-                (1.0 / inv_mass) as f32,
-                h as f32,
-            );
-            let change = tangential * (f64::from(left) - 1.0);
-            for (&p, w) in c.ends.iter().zip(c.weight) {
-                if free(p) {
-                    let share = w / batch.mass[p][c.lane] / inv_mass;
-                    let v = get(&state.velocity[p], c.lane) + change * share;
-                    set(&mut state.velocity[p], c.lane, v);
-                }
+                    let point = at(&state.position, 0) + at(&state.position, 1);
+                    let solid_velocity = moving.pose.velocity_at(point, input.dt);
+                    let fastest = contact.max_push_speed + solid_velocity.norm();
+                    contacts.push(Contact {
+                        lane,
+                        ends,
+                        weight,
+                        normal: near.normal,
+                        gap: near.gap.max(-fastest * h),
+                        stiffness: contact.stiffness_over_inertia * batch.mass[ends[1]][lane] / (h * h),
+                        solid_velocity,
+                        friction: f64::from(moving.solid.friction),
+                        known: if ends[0] < n_kin { at(&state.velocity, 0) } else { Vector3::zeros() },
+                    });
+                });
+                // The bound is as of before this substep's movement, which is subtracted with the rest.
+                state.clearance[k][lane] = clear + by_solid;
             }
         }
     }
 }
 
 impl Contact {
-    /// Adds the penalty k (gap + h n·v) n, implicit in the new velocities, to one lane of the system.
+    /// Adds the penalty k (gap + h n·v) n, implicit in the new velocities, to one lane of the system whose first
+    /// `n_fixed` particles are prescribed.
     #[inline(always)]
-    pub(crate) fn add_to(&self, topology: &Topology, h: f64, matrix: &mut BandedMatrix, rhs: &mut [Lane]) {
-        debug_assert!(self.lane < LANES);
-        let n_kin = topology.n_kinematic;
+    pub fn add_to(&self, n_fixed: usize, h: f64, matrix: &mut BandedMatrix, rhs: &mut [Lane]) {
         let known = h * self.normal.dot(&self.known);
         for e in 0..2 {
-            if self.ends[e] < n_kin {
+            if self.ends[e] < n_fixed {
                 continue;
             }
-            let row = self.ends[e] - n_kin;
+            let row = self.ends[e] - n_fixed;
             for p in 0..3 {
                 rhs[3 * row + p][self.lane] -= h * self.stiffness * self.weight[e] * (self.gap + known) * self.normal[p];
                 for f in 0..=e {
-                    if self.ends[f] < n_kin {
+                    if self.ends[f] < n_fixed {
                         continue;
                     }
                     let weights = h * h * self.stiffness * self.weight[e] * self.weight[f];
-                    let block = matrix.block(row, self.ends[f] - n_kin);
+                    let block = matrix.block(row, self.ends[f] - n_fixed);
                     for q in 0..3 {
                         block[3 * p + q][self.lane] += weights * self.normal[p] * self.normal[q];
                     }
                 }
             }
         }
+    }
+
+    /// Coulomb friction on the solved velocities of one contact; returns the force on the strand, normal and tangential
+    /// together, dyn. `velocity` and `mass` hold one entry per particle, the first `n_fixed` prescribed.
+    /// Departure from AS16 §7.1: the normal force is the one the implicit solve found, not an estimate before it.
+    pub fn apply_friction(&self, n_fixed: usize, h: f64, mass: &[Lane], velocity: &mut [Lane3]) -> Vector3<f64> {
+        let (lane, [a, b]) = (self.lane, self.ends);
+        let at = get(&velocity[a], lane) * self.weight[0] + get(&velocity[b], lane) * self.weight[1];
+        let force = -self.stiffness * (self.gap + h * self.normal.dot(&at));
+        if force <= 0.0 {
+            return Vector3::zeros();
+        }
+        // Effective mass of the contact point: an impulse J there moves it by J Σ w²/m.
+        let ends = || self.ends.into_iter().zip(self.weight).filter(|&(p, _)| p >= n_fixed);
+        let inv_mass: f64 = ends().map(|(p, w)| w * w / mass[p][lane]).sum();
+        if inv_mass <= 0.0 {
+            return Vector3::zeros();
+        }
+        let relative = at - self.solid_velocity;
+        let tangential = relative - self.normal * self.normal.dot(&relative);
+        let speed = tangential.norm() as f32;
+        let left = slip_factor(speed, self.friction as f32, force as f32, (1.0 / inv_mass) as f32, h as f32);
+        let change = tangential * (f64::from(left) - 1.0);
+        for (p, w) in ends() {
+            let v = get(&velocity[p], lane) + change * (w / mass[p][lane] / inv_mass);
+            set(&mut velocity[p], lane, v);
+        }
+        self.normal * force + change / (inv_mass * h)
     }
 }

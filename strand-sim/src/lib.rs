@@ -33,7 +33,7 @@ mod step;
 mod strain_limit;
 mod system;
 
-pub use body_contact::ContactParams;
+pub use body_contact::{Contact, ContactParams, NearPoint, near_points};
 pub use error::Error;
 pub use material::Material;
 pub use rest::RestReport;

@@ -166,7 +166,9 @@ impl StrandSystem {
             self.find_contacts(batch, state, input, params, (begin, end), h, &mut slot.contacts);
             slot.report.contacts += slot.contacts.len() as u64;
             self.solve_velocities(batch, state, input, params, h, slot);
-            self.apply_friction(batch, state, &params.contact, h, &slot.contacts);
+            for contact in &slot.contacts {
+                contact.apply_friction(n_kin, h, &batch.mass, &mut state.velocity);
+            }
             for p in 0..n_rig {
                 for c in 0..3 {
                     for l in 0..LANES {
@@ -286,7 +288,7 @@ fn assemble_and_solve(
         add_spring(topology, *spring, &s, h, &state.velocity, matrix, rhs);
     }
     for contact in contacts {
-        contact.add_to(topology, h, matrix, rhs);
+        contact.add_to(n_kin, h, matrix, rhs);
     }
     matrix.factor();
     matrix.solve(rhs);

@@ -1,0 +1,121 @@
+//! The guides: simulated strands, their transforms and their motion in the head frame.
+
+use crate::error::Error;
+use crate::graph::GuideMotion;
+use crate::interpolate::TransformArrays;
+use collision::MovingSolid;
+use io_formats::guide_transform::{DisplacementTransform, guide_transforms};
+use io_formats::skinning_model::{MaterialRecord, SkinningModel};
+use nalgebra::{Isometry3, Point3, Vector3};
+use strand_sim::{Material, StepInput, StepParams, StepReport, StepWorkspace, StrandState, StrandSystem};
+
+/// A model's material as the simulator reads it.
+#[must_use]
+pub fn material_of(record: &MaterialRecord) -> Material {
+    Material {
+        stretch_dyn: record.stretch_dyn,
+        bend_dyn: record.bend,
+        twist_dyn: record.twist,
+        stretch_damping: record.stretch_damping,
+        bend_damping: record.bend_damping,
+        twist_damping: record.twist_damping,
+        friction: record.friction,
+        linear_density_g_per_cm: record.linear_density_g_per_cm,
+        air_drag_per_s: record.air_drag_per_s,
+    }
+}
+
+#[derive(Debug)]
+pub(crate) struct Guides {
+    n_particles: usize,
+    system: StrandSystem,
+    state: StrandState,
+    workspace: StepWorkspace,
+    /// Guide-major, head frame, cm.
+    rest: Vec<[f32; 3]>,
+    position_in_head: Vec<[f32; 3]>,
+    /// cm/s.
+    velocity_in_head: Vec<[f32; 3]>,
+    position_in_solids: Vec<Vec<Vector3<f32>>>,
+    transforms: Vec<DisplacementTransform>,
+    pub(crate) arrays: TransformArrays,
+}
+
+impl Guides {
+    pub(crate) fn new(model: &SkinningModel, params: &StepParams, world_from_head: &Isometry3<f64>) -> Result<Self, Error> {
+        let n = model.n_particles as usize;
+        let groom: Vec<Vector3<f64>> =
+            model.groom_in_head.chunks_exact(3).map(|p| Vector3::new(p[0], p[1], p[2]).cast()).collect();
+        let rest: Vec<[f32; 3]> =
+            model.guide_strands.iter().flat_map(|&s| model.rest_of(s as usize).iter().copied()).collect();
+        let system = StrandSystem::styled(&groom, n, material_of(&model.material), &params.gravity)?;
+        let shape: Vec<Vector3<f64>> = rest.iter().map(|&p| Vector3::from(p).cast()).collect();
+        let state = system.state_of_shape(&shape, world_from_head)?;
+        let n_guides = model.n_guides();
+        Ok(Self {
+            n_particles: n,
+            system,
+            state,
+            workspace: StepWorkspace::default(),
+            position_in_head: rest.clone(),
+            velocity_in_head: vec![[0.0; 3]; rest.len()],
+            position_in_solids: Vec::new(),
+            transforms: vec![DisplacementTransform::default(); n],
+            arrays: TransformArrays::new(n_guides, n),
+            rest,
+        })
+    }
+
+    pub(crate) fn step(&mut self, input: &StepInput, params: &StepParams) -> StepReport {
+        let report = self.system.step(&mut self.state, input, params, &mut self.workspace);
+        let head_from_world = input.world_from_head_after.inverse();
+        let n = self.n_particles;
+        let (position, velocity) = (&mut self.position_in_head, &mut self.velocity_in_head);
+        self.system.read(&self.state, |guide, i, world, _| {
+            let now: [f32; 3] = head_from_world.transform_point(&Point3::from(world)).coords.cast::<f32>().into();
+            let at = guide * n + i;
+            for c in 0..3 {
+                velocity[at][c] = (now[c] - position[at][c]) / input.dt as f32;
+            }
+            position[at] = now;
+        });
+        self.update_transforms();
+        report
+    }
+
+    fn update_transforms(&mut self) {
+        let n = self.n_particles;
+        for guide in 0..self.rest.len() / n {
+            let of = guide * n..(guide + 1) * n;
+            guide_transforms(&self.rest[of.clone()], &self.position_in_head[of], &mut self.transforms);
+            self.arrays.set_guide(guide, &self.transforms);
+        }
+    }
+
+    /// Places all guides in the head frame directly, for tests and replays; velocities become zero.
+    pub(crate) fn place(&mut self, position_in_head: &[[f32; 3]]) {
+        self.position_in_head.copy_from_slice(position_in_head);
+        self.velocity_in_head.fill([0.0; 3]);
+        self.update_transforms();
+    }
+
+    /// Motion of all guides, with their positions in the frames of `solids` at the end of the step.
+    pub(crate) fn motion(&mut self, world_from_head: &Isometry3<f64>, solids: &[MovingSolid]) -> GuideMotion<'_> {
+        self.position_in_solids.resize_with(solids.len(), Vec::new);
+        for (solid, out) in solids.iter().zip(&mut self.position_in_solids) {
+            let solid_from_head = (solid.pose.to.inverse() * world_from_head).cast::<f32>();
+            out.clear();
+            out.extend(self.position_in_head.iter().map(|&p| (solid_from_head * Point3::from(p)).coords));
+        }
+        GuideMotion {
+            n_particles: self.n_particles,
+            position_in_head: &self.position_in_head,
+            velocity_in_head: &self.velocity_in_head,
+            position_in_solids: &self.position_in_solids,
+        }
+    }
+
+    pub(crate) fn position_in_head(&self) -> &[[f32; 3]] {
+        &self.position_in_head
+    }
+}

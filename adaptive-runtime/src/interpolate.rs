@@ -1,0 +1,220 @@
+//! Skinning of one strand (AS16 Eq. 5, 6), lanes along the strand.
+//!
+//! All particles of a hair share one guide set, so nothing is gathered: a guide's transforms are twelve arrays over
+//! particle index, the quadratic weight is evaluated in the lane. Transforms are kept as what they add to the identity, so
+//! a hair at rest is reproduced exactly.
+
+use io_formats::guide_transform::DisplacementTransform;
+use io_formats::skinning_model::{MAX_ELIGIBLE, WeightPoly};
+use multiversion::multiversion;
+
+/// Particles worked on together.
+const WIDTH: usize = 8;
+
+/// Arrays of a rigid transform: nine of `linear`, three of `offset`.
+pub(crate) const ARRAYS: usize = 12;
+
+/// Particle count padded to whole vectors.
+pub(crate) fn padded(n_particles: usize) -> usize {
+    n_particles.next_multiple_of(WIDTH)
+}
+
+/// Current transforms of all guides: guide-major, then [`ARRAYS`] arrays of `pad` values; padding repeats the tip.
+#[derive(Clone, Debug)]
+pub(crate) struct TransformArrays {
+    pub pad: usize,
+    pub values: Vec<f32>,
+}
+
+impl TransformArrays {
+    pub(crate) fn new(n_guides: usize, n_particles: usize) -> Self {
+        let pad = padded(n_particles);
+        Self { pad, values: vec![0.0; n_guides * ARRAYS * pad] }
+    }
+
+    pub(crate) fn of_guide(&self, guide: usize) -> &[f32] {
+        &self.values[guide * ARRAYS * self.pad..(guide + 1) * ARRAYS * self.pad]
+    }
+
+    pub(crate) fn set_guide(&mut self, guide: usize, transforms: &[DisplacementTransform]) {
+        let pad = self.pad;
+        let arrays = &mut self.values[guide * ARRAYS * pad..(guide + 1) * ARRAYS * pad];
+        for i in 0..pad {
+            let t = &transforms[i.min(transforms.len() - 1)];
+            for row in 0..3 {
+                for col in 0..3 {
+                    arrays[(3 * row + col) * pad + i] = t.linear[row][col];
+                }
+                arrays[(9 + row) * pad + i] = t.offset[row];
+            }
+        }
+    }
+}
+
+/// A strand's guide set with its weights decoded.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ActiveSet {
+    pub n: u8,
+    pub guides: [u16; MAX_ELIGIBLE],
+    pub weights: [WeightPoly; MAX_ELIGIBLE],
+}
+
+impl ActiveSet {
+    pub(crate) const EMPTY: Self =
+        Self { n: 0, guides: [0; MAX_ELIGIBLE], weights: [WeightPoly { quad: 0.0, lin: 0.0, con: 0.0 }; MAX_ELIGIBLE] };
+
+    /// Weights at `u` along the strand, clamped and normalised; entries past `n` are zero.
+    pub(crate) fn weights_at(&self, u: f32) -> [f32; MAX_ELIGIBLE] {
+        let mut w = [0.0; MAX_ELIGIBLE];
+        let mut sum = 0.0;
+        for b in 0..usize::from(self.n) {
+            w[b] = self.weights[b].at(u).max(0.0);
+            sum += w[b];
+        }
+        for x in &mut w[..usize::from(self.n)] {
+            *x = if sum > 0.0 { *x / sum } else { 1.0 / f32::from(self.n) };
+        }
+        w
+    }
+}
+
+/// Interpolates one strand in the head frame.
+/// Implements AS16 Eq. (5), weights by AS16 Eq. (6) clamped at zero and normalised at each particle.
+///
+/// `rest` and `out` hold three arrays (x, y, z) of `pad` values; `u` the particles' positions along the strand, 0 to 1.
+#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
+pub(crate) fn interpolate(rest: &[f32], u: &[f32], set: &ActiveSet, transforms: &TransformArrays, out: &mut [f32]) {
+    let pad = transforms.pad;
+    for at in (0..pad).step_by(WIDTH) {
+        let mut sum = [0.0f32; WIDTH];
+        let mut blend = [[0.0f32; WIDTH]; ARRAYS];
+        let lane_u: &[f32; WIDTH] = chunk(u, at);
+        for b in 0..usize::from(set.n) {
+            let poly = set.weights[b];
+            let mut w = [0.0f32; WIDTH];
+            for l in 0..WIDTH {
+                w[l] = poly.quad.mul_add(lane_u[l], poly.lin).mul_add(lane_u[l], poly.con).max(0.0);
+                sum[l] += w[l];
+            }
+            let arrays = transforms.of_guide(usize::from(set.guides[b]));
+            for k in 0..ARRAYS {
+                let values: &[f32; WIDTH] = chunk(arrays, k * pad + at);
+                for l in 0..WIDTH {
+                    blend[k][l] = w[l].mul_add(values[l], blend[k][l]);
+                }
+            }
+        }
+        let mut scale = [0.0f32; WIDTH];
+        for l in 0..WIDTH {
+            scale[l] = if sum[l] > 0.0 { 1.0 / sum[l] } else { 0.0 };
+        }
+        let x: &[f32; WIDTH] = chunk(rest, at);
+        let y: &[f32; WIDTH] = chunk(rest, pad + at);
+        let z: &[f32; WIDTH] = chunk(rest, 2 * pad + at);
+        for c in 0..3 {
+            let to = &mut out[c * pad + at..c * pad + at + WIDTH];
+            let from: &[f32; WIDTH] = chunk(rest, c * pad + at);
+            for l in 0..WIDTH {
+                let turned = blend[3 * c][l]
+                    .mul_add(x[l], blend[3 * c + 1][l].mul_add(y[l], blend[3 * c + 2][l].mul_add(z[l], blend[9 + c][l])));
+                to[l] = turned.mul_add(scale[l], from[l]);
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn chunk(values: &[f32], at: usize) -> &[f32; WIDTH] {
+    values[at..at + WIDTH].try_into().expect("a slice of WIDTH values")
+}
+
+/// The plain reading of AS16 Eq. (5) for one particle: the reference that [`interpolate`] is tested against.
+#[cfg(test)]
+pub(crate) fn interpolate_plainly(rest: [f32; 3], u: f32, set: &ActiveSet, transforms: &[DisplacementTransform]) -> [f32; 3] {
+    let weights = set.weights_at(u);
+    let mut out = [0.0; 3];
+    for b in 0..usize::from(set.n) {
+        let moved = transforms[b].apply(rest);
+        for c in 0..3 {
+            out[c] += weights[b] * moved[c];
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use io_formats::guide_transform::guide_transforms;
+
+    /// Single-precision rounding over coordinates of some tens of centimetres.
+    const ROUND_OFF_CM: f32 = 2e-5;
+
+    fn strand(x: f32, bend: f32) -> Vec<[f32; 3]> {
+        (0..25).map(|i| i as f32).map(|i| [x + bend * i * i, -i, 0.3 * (bend * i).sin()]).collect()
+    }
+
+    fn three_guides(bend: f32) -> (TransformArrays, Vec<Vec<DisplacementTransform>>) {
+        let mut arrays = TransformArrays::new(3, 25);
+        let mut plain = Vec::new();
+        for g in 0..3 {
+            let mut transforms = vec![DisplacementTransform::default(); 25];
+            guide_transforms(&strand(g as f32, 0.0), &strand(g as f32, bend * (1.0 + g as f32)), &mut transforms);
+            arrays.set_guide(g, &transforms);
+            plain.push(transforms);
+        }
+        (arrays, plain)
+    }
+
+    fn set() -> ActiveSet {
+        let mut set = ActiveSet { n: 3, guides: [0; MAX_ELIGIBLE], ..ActiveSet::EMPTY };
+        set.guides[..3].copy_from_slice(&[0, 1, 2]);
+        set.weights[0] = WeightPoly { quad: 0.2, lin: -0.5, con: 0.6 };
+        set.weights[1] = WeightPoly { quad: -0.3, lin: 0.1, con: 0.3 };
+        set.weights[2] = WeightPoly { quad: 0.1, lin: 0.4, con: 0.1 };
+        set
+    }
+
+    fn soa(points: &[[f32; 3]], pad: usize) -> Vec<f32> {
+        (0..3).flat_map(|c| (0..pad).map(move |i| points[i.min(points.len() - 1)][c])).collect()
+    }
+
+    fn run(rest: &[[f32; 3]], arrays: &TransformArrays) -> Vec<[f32; 3]> {
+        let pad = padded(rest.len());
+        let u: Vec<f32> = (0..pad).map(|i| (i as f32 / 24.0).min(1.0)).collect();
+        let mut out = vec![0.0; 3 * pad];
+        interpolate(&soa(rest, pad), &u, &set(), arrays, &mut out);
+        (0..rest.len()).map(|i| [out[i], out[pad + i], out[2 * pad + i]]).collect()
+    }
+
+    #[test]
+    fn a_hair_at_rest_is_reproduced_exactly() {
+        let rest = strand(0.7, 0.011);
+        let (arrays, _) = three_guides(0.0);
+        assert_eq!(run(&rest, &arrays), rest);
+    }
+
+    #[test]
+    fn the_kernel_agrees_with_the_plain_equation() {
+        let rest = strand(0.7, 0.0);
+        let (arrays, plain) = three_guides(0.01);
+        for (i, p) in run(&rest, &arrays).iter().enumerate() {
+            let per_guide: Vec<_> = plain.iter().map(|t| t[i]).collect();
+            let expected = interpolate_plainly(rest[i], i as f32 / 24.0, &set(), &per_guide);
+            for c in 0..3 {
+                assert!((p[c] - expected[c]).abs() < ROUND_OFF_CM);
+            }
+        }
+    }
+
+    #[test]
+    fn weights_are_not_negative_and_sum_to_one_at_every_particle() {
+        let mut set = set();
+        set.weights[1].con = -0.2;
+        for i in 0..25 {
+            let w = set.weights_at(i as f32 / 24.0);
+            assert!(w.iter().all(|&x| x >= 0.0));
+            assert!((w.iter().sum::<f32>() - 1.0).abs() < 1e-6);
+        }
+    }
+}

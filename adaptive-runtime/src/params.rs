@@ -1,0 +1,174 @@
+//! How the runtime chooses sets and corrects contact: named presets, every field public.
+
+use crate::error::Error;
+use strand_sim::StepParams;
+
+/// Choice of guide sets (AS16 §4.3).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AssignParams {
+    /// Whether sets follow the guide graph at all; if not, each hair keeps its best-trained set (fixed skinning).
+    pub adapt: bool,
+    /// Among candidates whose cost (AS16 Eq. 3, as RMS shift of the strand, cm) is within this of the least, the one that
+    /// trained best is taken.
+    pub cost_tolerance_cm: f32,
+    /// A set still inside a clique may be left for a better-trained one that moves the strand by at most this (RMS, cm);
+    /// negative never leaves it, as AS16 Eq. (3) to the letter.
+    pub growth_tolerance_cm: f32,
+    /// Steps between a strand's attempts to grow back; strands take turns.
+    pub growth_period: u32,
+    /// Whether edges need similar motion (AS16 §4.1).
+    pub similarity: bool,
+    /// Whether edges need a gap free of solids (AS16 §4.2).
+    pub avoidance: bool,
+}
+
+/// Effective forces of normal hairs on guides (AS16 §5.2).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TwoWayParams {
+    /// Whether normal hairs push back on their guides.
+    pub enabled: bool,
+    /// Factor on the contact forces. A hair's displacement is shared between its guides and its own residual; the larger
+    /// the factor, the more the guides take.
+    pub gain: f64,
+    /// Weight of a row of AS16 Eq. (4) whose hair is out of contact; one is the letter, which dilutes the forces by the
+    /// share of hairs in contact.
+    pub idle_row_weight: f64,
+    /// Ridge on the diagonal as a fraction of its mean: guides no hair depends on get no force.
+    pub ridge: f64,
+    /// Share of the last step's forces that is kept, 0 to 1: smooths the one-step lag between hair and guide.
+    pub memory: f64,
+    /// Largest force on a guide particle, as an acceleration, cm/s².
+    pub max_acceleration: f64,
+}
+
+/// Residual correction of single strands: a linearised strand about the skinned one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ResidualParams {
+    /// Whether strands near solids are corrected one by one. Without it the offset only fades out changes of set.
+    pub contact: bool,
+    /// Rate at which an offset that nothing holds returns, 1/s.
+    pub return_rate: f64,
+    /// Mass-proportional damping of the offset's velocity, 1/s.
+    pub damping: f64,
+    /// Most substeps a step is divided into for a strand near a moving solid.
+    pub max_substeps: usize,
+    /// Relative motion of strand and solid per substep, as a multiple of the solid's least half-thickness.
+    pub motion_per_substep: f64,
+    /// Offsets below this (cm) with velocities below it per 10 ms are dropped.
+    pub rest_cm: f64,
+}
+
+/// All parameters of a runtime.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RuntimeParams {
+    /// Guides' integration.
+    pub guides: StepParams,
+    /// Choice of sets.
+    pub assign: AssignParams,
+    /// Two-way correction.
+    pub two_way: TwoWayParams,
+    /// Residual correction.
+    pub residual: ResidualParams,
+    /// Resolution of the interpolation check, as a multiple of a solid's least half-thickness.
+    pub gap_resolution: f32,
+}
+
+impl RuntimeParams {
+    /// The whole method with the departures of docs/DEVIATIONS.md.
+    #[must_use]
+    pub fn adaptive() -> Self {
+        Self {
+            guides: StepParams::standard(),
+            assign: AssignParams {
+                adapt: true,
+                cost_tolerance_cm: 0.05,
+                growth_tolerance_cm: 0.5,
+                growth_period: 8,
+                similarity: true,
+                avoidance: true,
+            },
+            two_way: TwoWayParams {
+                enabled: true,
+                gain: 2.0,
+                idle_row_weight: 0.05,
+                ridge: 1e-3,
+                memory: 0.5,
+                max_acceleration: 2e4,
+            },
+            residual: ResidualParams {
+                contact: true,
+                return_rate: 5.0,
+                damping: 10.0,
+                max_substeps: 8,
+                motion_per_substep: 0.6,
+                rest_cm: 1e-4,
+            },
+            gap_resolution: 0.5,
+        }
+    }
+
+    /// As [`RuntimeParams::adaptive`], hairs not pushing back on guides.
+    #[must_use]
+    pub fn no_two_way() -> Self {
+        let mut params = Self::adaptive();
+        params.two_way.enabled = false;
+        params
+    }
+
+    /// Each hair's best-trained set at all times, guides in contact with solids, nothing else.
+    #[must_use]
+    pub fn fixed() -> Self {
+        let mut params = Self::no_two_way();
+        params.assign.adapt = false;
+        params.residual.contact = false;
+        params
+    }
+
+    /// AS16 to the letter: sticky sets, undiluted rows nowhere, no residual correction.
+    #[must_use]
+    pub fn paper() -> Self {
+        let mut params = Self::adaptive();
+        params.assign.cost_tolerance_cm = 0.0;
+        params.assign.growth_tolerance_cm = -1.0;
+        params.two_way.gain = 1.0;
+        params.two_way.idle_row_weight = 1.0;
+        params.two_way.memory = 0.0;
+        params.residual.contact = false;
+        params
+    }
+
+    /// Checks every field a step divides by or loops over.
+    ///
+    /// # Errors
+    /// [`Error::BadParameter`] names the first field out of range.
+    pub fn validate(&self) -> Result<(), Error> {
+        let bad = |name, value, expected| Err(Error::BadParameter { name, value, expected });
+        if self.guides.substeps == 0 {
+            return bad("guides.substeps", 0.0, "at least one");
+        }
+        if self.residual.max_substeps == 0 {
+            return bad("residual.max_substeps", 0.0, "at least one");
+        }
+        if self.assign.growth_period == 0 {
+            return bad("assign.growth_period", 0.0, "at least one");
+        }
+        for (name, value) in [
+            ("residual.motion_per_substep", self.residual.motion_per_substep),
+            ("gap_resolution", f64::from(self.gap_resolution)),
+            ("two_way.ridge", self.two_way.ridge),
+        ] {
+            if !(value.is_finite() && value > 0.0) {
+                return bad(name, value, "finite and greater than zero");
+            }
+        }
+        for (name, value) in [
+            ("two_way.memory", self.two_way.memory),
+            ("two_way.idle_row_weight", self.two_way.idle_row_weight),
+        ] {
+            if !(0.0..=1.0).contains(&value) {
+                return bad(name, value, "from zero to one");
+            }
+        }
+        Ok(())
+    }
+}
