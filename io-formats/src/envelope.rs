@@ -117,16 +117,13 @@ pub(crate) fn check_tag(path: &Path, header: &[u8], header_bytes: usize, kind: K
             _ => "hair skinning",
         };
         let hint = if found < version {
-            format!("it is older than this program (version {version}): make it again, by training where it was trained")
+            format!(
+                "it is older than this program (version {version}): make it again, by training where it was trained"
+            )
         } else {
             format!("it is newer than this program (version {version}): update the program, or make the file again")
         };
-        return Err(Error::UnsupportedVersion {
-            path: path.to_path_buf(),
-            format,
-            found: found.to_string(),
-            hint,
-        });
+        return Err(Error::UnsupportedVersion { path: path.to_path_buf(), format, found: found.to_string(), hint });
     }
     Ok(())
 }

@@ -213,13 +213,7 @@ impl FrameStoreWriter {
         let temporary = temporary_path(path);
         let mut file = File::create(&temporary).map_err(Error::io("create", &temporary))?;
         file.write_all(&header.to_bytes()).map_err(Error::io("write", &temporary))?;
-        Ok(Self {
-            file: std::io::BufWriter::new(file),
-            temporary,
-            path: path.to_path_buf(),
-            header,
-            infos: Vec::new(),
-        })
+        Ok(Self { file: std::io::BufWriter::new(file), temporary, path: path.to_path_buf(), header, infos: Vec::new() })
     }
 
     /// Takes up an unfinished store after its last undamaged frame (see [`FrameStoreWriter::infos`]), or starts a new one
@@ -382,9 +376,7 @@ impl FrameSource for FrameStore {
         let mut chunk = [0; CHUNK_HEADER_BYTES];
         let payload: &mut [u8] = bytemuck::cast_slice_mut(out);
         self.file.read_exact_at(&mut chunk, at).map_err(Error::io("read", &self.path))?;
-        self.file
-            .read_exact_at(payload, at + CHUNK_HEADER_BYTES as u64)
-            .map_err(Error::io("read", &self.path))?;
+        self.file.read_exact_at(payload, at + CHUNK_HEADER_BYTES as u64).map_err(Error::io("read", &self.path))?;
         if chunk_checksum(&chunk[8..], payload) != u64_at(&chunk, 0) {
             return Err(Error::Checksum { path: self.path.clone(), part: format!("frame {frame}") });
         }

@@ -321,10 +321,7 @@ fn resample_strand(strand: &[[f32; 3]], n: usize, at: &mut Vec<f64>, out: &mut V
         let span = at[seg + 1] - at[seg];
         let t = if span > 0.0 { ((s - at[seg]) / span).clamp(0.0, 1.0) } else { 0.0 };
         let (a, b) = (strand[seg], strand[seg + 1]);
-        out.push(std::array::from_fn(|k| {
-            (f64::from(a[k]) + t * (f64::from(b[k]) - f64::from(a[k]))) as f32
-        }));
+        out.push(std::array::from_fn(|k| (f64::from(a[k]) + t * (f64::from(b[k]) - f64::from(a[k]))) as f32));
     }
     out.push(strand[strand.len() - 1]);
 }
-

@@ -47,11 +47,11 @@ pub fn guide_transforms(rest: &[[f32; 3]], current: &[[f32; 3]], out: &mut [Disp
     // Rotation minus identity: small turns keep their precision, and no turn is exactly zero.
     let mut turn = [[0.0; 3]; 3];
     for i in 0..n {
-        if i + 1 < n {
-            if let (Some(a), Some(b)) = (direction(rest, i), direction(current, i)) {
-                let carried = add(a, times(&turn, a));
-                turn = compose(&least_turn(carried, b), &turn);
-            }
+        if i + 1 < n
+            && let (Some(a), Some(b)) = (direction(rest, i), direction(current, i))
+        {
+            let carried = add(a, times(&turn, a));
+            turn = compose(&least_turn(carried, b), &turn);
         }
         let (p_rest, p) = (widen(rest[i]), widen(current[i]));
         let rotated = times(&turn, p_rest);

@@ -16,7 +16,9 @@
 //! ```
 
 #[cfg(target_endian = "big")]
-compile_error!("frames and models are read in place as little-endian numbers; a big-endian port needs a byte swap here");
+compile_error!(
+    "frames and models are read in place as little-endian numbers; a big-endian port needs a byte swap here"
+);
 
 mod bytes;
 

@@ -1,8 +1,8 @@
 //! Triangle meshes of solids from OBJ and STL, in centimetres, with equal vertices merged.
 //!
-//! Merging is by exact position (both formats repeat vertices along seams), so that a mesh that is closed in space is closed
-//! in its indices; triangles that lose a corner to it have no area and are dropped. Invariant after reading: coordinates
-//! finite, indices in range, at least one triangle.
+//! Merging is by position (both formats repeat vertices along seams), so that a mesh that is closed in space is closed in its
+//! indices; triangles that lose a corner to it have no area and are dropped. Invariant after reading: coordinates finite,
+//! indices in range, at least one triangle.
 
 use std::collections::HashMap;
 use std::io::{BufWriter, Cursor, Write};
@@ -11,6 +11,10 @@ use std::path::Path;
 use crate::bytes::read_file;
 use crate::error::{Error, Result};
 use crate::groom::{LengthUnit, transform_point};
+
+/// Positions this near, as a share of the largest coordinate, are one vertex: some writers compute a corner anew for each
+/// triangle and differ in the last bits of an `f32`.
+const MERGE_TOLERANCE: f64 = 1e-6;
 
 /// Triangles over shared vertices.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -170,35 +174,86 @@ pub fn parse_stl(path: &Path, bytes: &[u8], unit: LengthUnit) -> Result<TriMesh>
     weld.finish(path, unit)
 }
 
-/// Merges vertices of equal position while triangles are added.
+/// Collects triangles by their corners and merges vertices of equal position.
 #[derive(Default)]
 struct Weld {
-    mesh: TriMesh,
-    index_of: HashMap<[u32; 3], u32>,
+    corners: Vec<[[f32; 3]; 3]>,
 }
 
 impl Weld {
     fn add(&mut self, corners: [[f32; 3]; 3]) {
-        let [a, b, c] = corners.map(|p| {
-            // Adding zero turns -0 into 0, the same place with other bits.
-            *self.index_of.entry(p.map(|x| (x + 0.0).to_bits())).or_insert_with(|| {
-                self.mesh.vertices.push(p);
-                self.mesh.vertices.len() as u32 - 1
-            })
-        });
-        if a != b && b != c && c != a {
-            self.mesh.triangles.push([a, b, c]);
-        }
+        self.corners.push(corners);
     }
 
     fn finish(self, path: &Path, unit: LengthUnit) -> Result<TriMesh> {
+        let finite = |t: &[[f32; 3]; 3]| t.iter().flatten().all(|x| x.is_finite());
+        if let Some(i) = self.corners.iter().position(|t| !finite(t)) {
+            return Err(Error::BadMesh {
+                path: path.to_path_buf(),
+                reason: format!("a corner of triangle {i} is not finite"),
+            });
+        }
         let cm = unit.cm_per_unit();
-        let mut mesh = self.mesh;
+        let largest = self.corners.iter().flatten().flatten().fold(0.0_f32, |m, x| m.max(x.abs()));
+        let mut vertices = Vertices::new(f64::from(largest) * MERGE_TOLERANCE);
+        let mut triangles = Vec::with_capacity(self.corners.len());
+        for corners in self.corners {
+            let [a, b, c] = corners.map(|p| vertices.index_of(p));
+            if a != b && b != c && c != a {
+                triangles.push([a, b, c]);
+            }
+        }
+        let mut mesh = TriMesh { vertices: vertices.list, triangles };
         for x in mesh.vertices.iter_mut().flatten() {
             *x = (f64::from(*x) * cm) as f32;
         }
         mesh.validate(path)?;
         Ok(mesh)
+    }
+}
+
+/// Vertices found by position: a grid of cells twice the tolerance wide, so that equal ones lie in a cell or the next.
+struct Vertices {
+    list: Vec<[f32; 3]>,
+    tolerance: f64,
+    first_in_cell: HashMap<[i64; 3], u32>,
+    /// For each vertex, the one before it in its cell.
+    next: Vec<u32>,
+}
+
+const NONE: u32 = u32::MAX;
+
+impl Vertices {
+    fn new(tolerance: f64) -> Self {
+        // A mesh that is one point at the origin still needs cells of some size.
+        let tolerance = tolerance.max(f64::MIN_POSITIVE);
+        Self { list: Vec::new(), tolerance, first_in_cell: HashMap::new(), next: Vec::new() }
+    }
+
+    /// The vertex at `p`, added when there is none yet. The first of several that are equal wins, in file order.
+    fn index_of(&mut self, p: [f32; 3]) -> u32 {
+        let at = p.map(|x| f64::from(x) / (2.0 * self.tolerance));
+        let cell = at.map(|x| x.floor() as i64);
+        // Per axis only the neighbour on the nearer side can hold a vertex within the tolerance.
+        let side: [i64; 3] = std::array::from_fn(|k| if at[k] - at[k].floor() < 0.5 { -1 } else { 1 });
+        let mut found = NONE;
+        for corner in 0..8 {
+            let near = std::array::from_fn(|k| cell[k].saturating_add(if corner >> k & 1 == 1 { side[k] } else { 0 }));
+            let mut v = self.first_in_cell.get(&near).copied().unwrap_or(NONE);
+            while v != NONE {
+                let q = self.list[v as usize];
+                if (0..3).all(|k| (f64::from(q[k]) - f64::from(p[k])).abs() <= self.tolerance) {
+                    found = found.min(v);
+                }
+                v = self.next[v as usize];
+            }
+        }
+        if found == NONE {
+            found = self.list.len() as u32;
+            self.list.push(p);
+            self.next.push(self.first_in_cell.insert(cell, found).unwrap_or(NONE));
+        }
+        found
     }
 }
 

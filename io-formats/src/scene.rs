@@ -329,9 +329,13 @@ impl Scene {
     }
 
     fn parse(text: &str, path: &Path, base_dir: &Path) -> Result<Self> {
-        let mut scene: Self = toml::from_str(text)
-            .map_err(|e| Error::SceneSyntax { path: path.to_path_buf(), source: Box::new(e) })?;
-        check::check(&scene).map_err(|(field, reason)| Error::SceneField { path: path.to_path_buf(), field, reason })?;
+        let mut scene: Self =
+            toml::from_str(text).map_err(|e| Error::SceneSyntax { path: path.to_path_buf(), source: Box::new(e) })?;
+        check::check(&scene).map_err(|(field, reason)| Error::SceneField {
+            path: path.to_path_buf(),
+            field,
+            reason,
+        })?;
         scene.resolve(base_dir);
         Ok(scene)
     }

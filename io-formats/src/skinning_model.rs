@@ -265,7 +265,10 @@ impl SkinningModel {
             let eligible = self.eligible_of(strand);
             let k = eligible.len();
             if !(1..=MAX_ELIGIBLE).contains(&k) {
-                return Err(bad("eligible", format!("strand {strand} has {k} eligible guides, 1 to {MAX_ELIGIBLE} are possible")));
+                return Err(bad(
+                    "eligible",
+                    format!("strand {strand} has {k} eligible guides, 1 to {MAX_ELIGIBLE} are possible"),
+                ));
             }
             if !ascending(eligible) || usize::from(eligible[k - 1]) >= n_guides {
                 let why = format!("strand {strand}: {eligible:?} is not ascending, or names a guide past {n_guides}");
@@ -306,8 +309,7 @@ impl SkinningModel {
             }
             for u in [0.0, 0.5, 1.0] {
                 let sum: f32 = self.weights_of_set(set).map(|w| w.at(u)).sum();
-                // Negated so that a sum that is not a number is refused too.
-                if !((sum - 1.0).abs() <= MAX_WEIGHT_SUM_ERROR) {
+                if !sum.is_finite() || (sum - 1.0).abs() > MAX_WEIGHT_SUM_ERROR {
                     return Err(bad("coeffs", format!("weights of set {set} sum to {sum} at u = {u}, not to one")));
                 }
             }
@@ -328,7 +330,9 @@ impl SkinningModel {
     fn check_numbers(&self) -> Result<()> {
         check_each("groom_in_head", &self.groom_in_head, "finite", f32::is_finite)?;
         check_each("rest_in_head", &self.rest_in_head, "finite", f32::is_finite)?;
-        check_each("set_rms_error_cm", &self.set_rms_error_cm, "finite and not negative", |x| x.is_finite() && x >= 0.0)?;
+        check_each("set_rms_error_cm", &self.set_rms_error_cm, "finite and not negative", |x| {
+            x.is_finite() && x >= 0.0
+        })?;
         check_each("position_scale", &self.position_scale, "finite and not negative", |x| x.is_finite() && x >= 0.0)?;
         check_each("velocity_scale", &self.velocity_scale, "finite and not negative", |x| x.is_finite() && x >= 0.0)?;
         if let Some(i) = self.coeffs.iter().position(|c| c.iter().any(|&b| !f16::from_bits(b).is_finite())) {
@@ -374,7 +378,11 @@ fn ascending<T: PartialOrd>(values: &[T]) -> bool {
 }
 
 fn check_len(field: &'static str, actual: usize, expected: u64) -> Result<()> {
-    if actual as u64 == expected { Ok(()) } else { Err(bad(field, format!("has {actual} entries, {expected} are needed"))) }
+    if actual as u64 == expected {
+        Ok(())
+    } else {
+        Err(bad(field, format!("has {actual} entries, {expected} are needed")))
+    }
 }
 
 fn check_csr(field: &'static str, start: &[u32], n_rows: u64, n_entries: usize) -> Result<()> {

@@ -174,7 +174,9 @@ impl UsdaWriter {
         }
         let mut text = Vec::new();
         text.extend_from_slice(format!("    def Mesh \"{name}\"\n    {{\n").as_bytes());
-        text.extend_from_slice(b"        uniform token subdivisionScheme = \"none\"\n        int[] faceVertexCounts = [");
+        text.extend_from_slice(
+            b"        uniform token subdivisionScheme = \"none\"\n        int[] faceVertexCounts = [",
+        );
         push_list(&mut text, mesh.triangles.iter(), |out, _| out.push(b'3'));
         text.extend_from_slice(b"]\n        int[] faceVertexIndices = [");
         push_list(&mut text, mesh.triangles.iter().flatten(), |out, v| push_int(out, i64::from(*v)));

@@ -258,11 +258,11 @@ fn every_cut_of_a_tfx_file_is_refused() {
 #[test]
 fn a_version_three_tfx_file_is_told_apart() {
     let error = parse_tfx(here(), &tfx_bytes(3.0, 2, 4), LengthUnit::Cm).unwrap_err();
-    assert!(matches!(error, Error::UnsupportedVersion { .. }) && error.to_string().contains("version 3 file"), "{error}");
-    assert!(matches!(
-        parse_tfx(here(), &tfx_bytes(5.0, 2, 4), LengthUnit::Cm),
-        Err(Error::UnsupportedVersion { .. })
-    ));
+    assert!(
+        matches!(error, Error::UnsupportedVersion { .. }) && error.to_string().contains("version 3 file"),
+        "{error}"
+    );
+    assert!(matches!(parse_tfx(here(), &tfx_bytes(5.0, 2, 4), LengthUnit::Cm), Err(Error::UnsupportedVersion { .. })));
     assert!(matches!(parse_tfx(here(), &tfx_bytes(f32::NAN, 2, 4), LengthUnit::Cm), Err(Error::BadMagic { .. })));
 }
 

@@ -64,6 +64,23 @@ fn seams_are_merged_and_polygons_become_triangles() {
 }
 
 #[test]
+fn corners_that_differ_in_the_last_bits_are_one_vertex_and_others_stay_apart() {
+    let mut bytes = binary_stl(&tetrahedron().scaled(1.7));
+    // The same corner, computed a little differently in each triangle.
+    for i in 0..12 {
+        let at = 84 + 50 * (i / 3) + 12 + 12 * (i % 3);
+        let x = f32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]);
+        bytes[at..at + 4].copy_from_slice(&(x + (i as f32 - 6.0) * 1e-7).to_le_bytes());
+    }
+    let mesh = parse_stl(here(), &bytes, LengthUnit::Cm).unwrap();
+    assert!(mesh.is_closed());
+    assert_eq!(mesh.vertices.len(), 4);
+    // A ten-thousandth of the size is a feature.
+    let thin = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1e-4\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n";
+    assert_eq!(parse_obj(here(), thin.as_bytes(), LengthUnit::Cm).unwrap().vertices.len(), 4);
+}
+
+#[test]
 fn a_mirrored_mesh_still_faces_outwards() {
     let mesh = tetrahedron();
     assert!(volume(&mesh) > 0.0);

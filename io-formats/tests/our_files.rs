@@ -7,7 +7,9 @@ use std::path::Path;
 
 use common::model;
 use io_formats::envelope::{self, HEADER_BYTES, Kind};
-use io_formats::{Error, FrameInfo, FrameSource, FrameStore, FrameStoreWriter, MemoryFrames, SkinningModel, WeightPoly};
+use io_formats::{
+    Error, FrameInfo, FrameSource, FrameStore, FrameStoreWriter, MemoryFrames, SkinningModel, WeightPoly,
+};
 
 const VERSION: u32 = 3;
 const STORE_HEADER_BYTES: usize = 64;

@@ -166,11 +166,7 @@ fn finite(field: impl Into<String>, values: &[f64]) -> Check {
 }
 
 fn positive(field: impl Into<String>, value: f64) -> Check {
-    if value.is_finite() && value > 0.0 {
-        Ok(())
-    } else {
-        refuse(field, format!("{value} is not a positive number"))
-    }
+    if value.is_finite() && value > 0.0 { Ok(()) } else { refuse(field, format!("{value} is not a positive number")) }
 }
 
 /// `low <= value <= high`, which a value that is not a number fails.
@@ -183,9 +179,5 @@ fn within(field: impl Into<String>, value: f64, low: f64, high: f64) -> Check {
 }
 
 fn count(field: impl Into<String>, value: usize, low: usize, high: usize) -> Check {
-    if (low..=high).contains(&value) {
-        Ok(())
-    } else {
-        refuse(field, format!("{value} is not within {low} to {high}"))
-    }
+    if (low..=high).contains(&value) { Ok(()) } else { refuse(field, format!("{value} is not within {low} to {high}")) }
 }

@@ -77,13 +77,7 @@ impl Default for TrainSpec {
 
 impl Default for CameraSpec {
     fn default() -> Self {
-        Self {
-            eye_cm: [0.0, 5.0, 80.0],
-            target_cm: [0.0, -4.0, 0.0],
-            vertical_fov_deg: 35.0,
-            width: 768,
-            height: 768,
-        }
+        Self { eye_cm: [0.0, 5.0, 80.0], target_cm: [0.0, -4.0, 0.0], vertical_fov_deg: 35.0, width: 768, height: 768 }
     }
 }
 
@@ -185,7 +179,8 @@ struct RawMotion {
 
 impl RawMotion {
     fn build(self, table: &str) -> Result<MotionSpec, String> {
-        let bvh_only = self.joint.is_some() || self.unit.is_some() || self.skip_frames.is_some() || self.repeat.is_some();
+        let bvh_only =
+            self.joint.is_some() || self.unit.is_some() || self.skip_frames.is_some() || self.repeat.is_some();
         match (self.keys, self.bvh) {
             (Some(_), Some(_)) => Err(format!("{table} has both keys and a bvh file, give one")),
             (keys, None) if bvh_only => {
@@ -258,20 +253,9 @@ fn mesh_source(
 #[derive(Deserialize)]
 #[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
 enum RawShape {
-    Sphere {
-        radius_cm: f64,
-    },
-    Rod {
-        radius_cm: f64,
-        length_cm: f64,
-    },
-    Comb {
-        teeth: usize,
-        pitch_cm: f64,
-        tooth_radius_cm: f64,
-        tooth_length_cm: f64,
-        spine_radius_cm: f64,
-    },
+    Sphere { radius_cm: f64 },
+    Rod { radius_cm: f64, length_cm: f64 },
+    Comb { teeth: usize, pitch_cm: f64, tooth_radius_cm: f64, tooth_length_cm: f64, spine_radius_cm: f64 },
 }
 
 #[derive(Deserialize)]
@@ -301,10 +285,9 @@ impl TryFrom<RawSolid> for SolidSpec {
             (Some(mesh), None) => SolidShape::Mesh(mesh),
             (None, Some(RawShape::Sphere { radius_cm })) => SolidShape::Sphere { radius_cm },
             (None, Some(RawShape::Rod { radius_cm, length_cm })) => SolidShape::Rod { radius_cm, length_cm },
-            (
-                None,
-                Some(RawShape::Comb { teeth, pitch_cm, tooth_radius_cm, tooth_length_cm, spine_radius_cm }),
-            ) => SolidShape::Comb { teeth, pitch_cm, tooth_radius_cm, tooth_length_cm, spine_radius_cm },
+            (None, Some(RawShape::Comb { teeth, pitch_cm, tooth_radius_cm, tooth_length_cm, spine_radius_cm })) => {
+                SolidShape::Comb { teeth, pitch_cm, tooth_radius_cm, tooth_length_cm, spine_radius_cm }
+            }
             (Some(_), Some(_)) => return Err(format!("solid {name:?} has both a mesh and a shape, give one")),
             (None, None) => return Err(format!("solid {name:?} needs a mesh or a shape")),
         };
