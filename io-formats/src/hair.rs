@@ -8,6 +8,7 @@ use std::io::Write as _;
 use std::path::Path;
 
 use crate::bytes::{ByteReader, f32_at, printable_start, read_file};
+use crate::envelope::{publish, temporary_path};
 use crate::error::{Error, Result};
 use crate::groom::{Groom, LengthUnit};
 
@@ -112,8 +113,10 @@ pub(crate) fn scaled_points(
 /// When a strand has no points or more than 65,536, counts do not add up, or the file cannot be written.
 pub fn write_hair(path: &Path, groom: &Groom, unit: LengthUnit) -> Result<()> {
     let bytes = hair_bytes(path, groom, unit)?;
-    let mut file = std::fs::File::create(path).map_err(Error::io("create", path))?;
-    file.write_all(&bytes).map_err(Error::io("write", path))
+    let temporary = temporary_path(path);
+    let mut file = std::fs::File::create(&temporary).map_err(Error::io("create", &temporary))?;
+    file.write_all(&bytes).map_err(Error::io("write", &temporary))?;
+    publish(file, &temporary, path)
 }
 
 fn hair_bytes(path: &Path, groom: &Groom, unit: LengthUnit) -> Result<Vec<u8>> {

@@ -9,6 +9,7 @@ use std::io::{BufWriter, Cursor, Write};
 use std::path::Path;
 
 use crate::bytes::read_file;
+use crate::envelope::{publish, temporary_path};
 use crate::error::{Error, Result};
 use crate::groom::{LengthUnit, transform_point};
 
@@ -111,6 +112,9 @@ pub fn read_mesh(path: &Path, unit: LengthUnit) -> Result<TriMesh> {
 
 /// Reads all objects of an OBJ file as one mesh; polygons become fans, points and lines are left out.
 ///
+/// The parser is our own: of the whole format a solid needs two kinds of line, errors should name the line, and the usual
+/// crate refuses files in which only some vertices carry a colour.
+///
 /// # Errors
 /// When the file cannot be read or parsed, or does not hold a usable mesh.
 pub fn read_obj(path: &Path, unit: LengthUnit) -> Result<TriMesh> {
@@ -122,27 +126,45 @@ pub fn read_obj(path: &Path, unit: LengthUnit) -> Result<TriMesh> {
 /// # Errors
 /// As [`read_obj`].
 pub fn parse_obj(path: &Path, bytes: &[u8], unit: LengthUnit) -> Result<TriMesh> {
-    let options =
-        tobj::LoadOptions { triangulate: true, ignore_points: true, ignore_lines: true, ..Default::default() };
-    // Materials say nothing about shape; a missing library must not stop a solid from loading.
-    let no_materials = |_: &Path| Ok((Vec::new(), Default::default()));
-    let (models, _) = tobj::load_obj_buf(&mut Cursor::new(bytes), &options, no_materials)
-        .map_err(|e| Error::BadMesh { path: path.to_path_buf(), reason: e.to_string() })?;
+    let mut positions: Vec<[f32; 3]> = Vec::new();
     let mut weld = Weld::default();
-    for model in &models {
-        let vertices: Vec<[f32; 3]> = model.mesh.positions.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect();
-        for (i, t) in model.mesh.indices.chunks_exact(3).enumerate() {
-            let mut corners = [[0.0; 3]; 3];
-            for (corner, &v) in corners.iter_mut().zip(t) {
-                *corner = *vertices.get(v as usize).ok_or_else(|| Error::BadMesh {
-                    path: path.to_path_buf(),
-                    reason: format!("triangle {i} of object {:?} names vertex {v}", model.name),
-                })?;
+    let mut face: Vec<[f32; 3]> = Vec::new();
+    for (i, line) in bytes.split(|&b| b == b'\n').enumerate() {
+        let bad = |reason: String| Error::BadLine { path: path.to_path_buf(), line: i + 1, reason };
+        // Names and comments may be in any encoding; only vertices and faces are read.
+        if !(line.starts_with(b"v ") || line.starts_with(b"v\t") || line.starts_with(b"f ") || line.starts_with(b"f\t"))
+        {
+            continue;
+        }
+        let text = std::str::from_utf8(line).map_err(|_| bad("not UTF-8".into()))?;
+        let mut words = text.split_whitespace();
+        if words.next() == Some("v") {
+            let mut p = [0.0; 3];
+            for x in &mut p {
+                let word = words.next().ok_or_else(|| bad("a vertex needs three coordinates".into()))?;
+                *x = word.parse().map_err(|_| bad(format!("{word:?} is not a number")))?;
             }
-            weld.add(corners);
+            positions.push(p);
+            continue;
+        }
+        face.clear();
+        for word in words {
+            let p = obj_index(word, positions.len())
+                .ok_or_else(|| bad(format!("{word:?} names none of the {} vertices so far", positions.len())))?;
+            face.push(positions[p]);
+        }
+        for k in 2..face.len() {
+            weld.add([face[0], face[k - 1], face[k]]);
         }
     }
     weld.finish(path, unit)
+}
+
+/// The vertex a corner such as `7`, `7/1/2` or `-1//2` names: from 1, or back from the latest of `n` vertices.
+fn obj_index(corner: &str, n: usize) -> Option<usize> {
+    let index: i64 = corner.split('/').next()?.parse().ok()?;
+    let from_zero = if index < 0 { n as i64 + index } else { index - 1 };
+    usize::try_from(from_zero).ok().filter(|&p| p < n)
 }
 
 /// Reads an STL file, binary or ASCII.
@@ -263,7 +285,8 @@ impl Vertices {
 /// When the mesh is not usable or the file cannot be written.
 pub fn write_obj(path: &Path, mesh: &TriMesh) -> Result<()> {
     mesh.validate(path)?;
-    let file = std::fs::File::create(path).map_err(Error::io("create", path))?;
+    let temporary = temporary_path(path);
+    let file = std::fs::File::create(&temporary).map_err(Error::io("create", &temporary))?;
     let mut out = BufWriter::new(file);
     let mut write = || -> std::io::Result<()> {
         for [x, y, z] in &mesh.vertices {
@@ -274,5 +297,7 @@ pub fn write_obj(path: &Path, mesh: &TriMesh) -> Result<()> {
         }
         out.flush()
     };
-    write().map_err(Error::io("write", path))
+    write().map_err(Error::io("write", &temporary))?;
+    let file = out.into_inner().map_err(|e| Error::io("write", &temporary)(e.into_error()))?;
+    publish(file, &temporary, path)
 }

@@ -90,6 +90,24 @@ impl PoseMotion {
         pivot_cm: Vector3<f64>,
         end: MotionEnd,
     ) -> Result<Self> {
+        Self::from_bvh_turned(bvh, joint, cm_per_unit, skip_frames, 0.0, pivot_cm, end)
+    }
+
+    /// [`PoseMotion::from_bvh`] with the file's world first turned by `yaw_rad` about y, so that the actor faces where
+    /// the head does: what is a nod in the file is then a nod of the head.
+    ///
+    /// # Errors
+    /// As [`PoseMotion::from_bvh`].
+    pub fn from_bvh_turned(
+        bvh: &Bvh,
+        joint: usize,
+        cm_per_unit: f64,
+        skip_frames: usize,
+        yaw_rad: f64,
+        pivot_cm: Vector3<f64>,
+        end: MotionEnd,
+    ) -> Result<Self> {
+        let yaw = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), yaw_rad);
         if joint >= bvh.n_joints() {
             return Err(Error::BadMotion { reason: format!("joint {joint} of {}", bvh.n_joints()) });
         }
@@ -106,8 +124,8 @@ impl PoseMotion {
                 let pose = bvh.world_pose(frame, joint);
                 PoseKey {
                     time_s: (frame - skip_frames) as f64 * bvh.frame_time(),
-                    translation_cm: (pose.translation.vector - first.translation.vector) * cm_per_unit,
-                    rotation: pose.rotation * first.rotation.inverse(),
+                    translation_cm: yaw * (pose.translation.vector - first.translation.vector) * cm_per_unit,
+                    rotation: yaw * pose.rotation * first.rotation.inverse() * yaw.inverse(),
                 }
             })
             .collect();

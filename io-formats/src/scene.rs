@@ -228,6 +228,8 @@ pub enum MotionSpec {
         unit: LengthUnit,
         /// Frames left out at the start, e.g. 1 for an added T-pose; default 0.
         skip_frames: usize,
+        /// Turn of the file's world about y (degrees), so that the actor faces where the head does; default 0.
+        yaw_deg: f64,
         /// Play backwards and forwards until the scene ends, instead of holding the last pose; default false.
         repeat: bool,
     },
@@ -426,11 +428,12 @@ impl MotionSpec {
                 let keys: Vec<PoseKey> = keys.iter().map(KeySpec::pose).collect();
                 PoseMotion::about_pivot(&keys, pivot)
             }
-            Self::Bvh { path, joint, unit, skip_frames, repeat } => {
+            Self::Bvh { path, joint, unit, skip_frames, yaw_deg, repeat } => {
                 let bvh = Bvh::read(path)?;
                 let joint = bvh.joint_index(joint)?;
+                let cm = unit.cm_per_unit();
                 let end = if *repeat { MotionEnd::Repeat { until_s: seconds } } else { MotionEnd::Hold };
-                PoseMotion::from_bvh(&bvh, joint, unit.cm_per_unit(), *skip_frames, pivot, end)
+                PoseMotion::from_bvh_turned(&bvh, joint, cm, *skip_frames, yaw_deg.to_radians(), pivot, end)
             }
         }
     }

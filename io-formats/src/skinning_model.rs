@@ -307,8 +307,13 @@ impl SkinningModel {
                 let why = format!("set {set} ends at triple {end} of {}", self.coeffs.len());
                 return Err(bad("coeff_start", why));
             }
+            // By linearity the sum of the weights is the weight of the sums.
+            let mut total = WeightPoly { quad: 0.0, lin: 0.0, con: 0.0 };
+            for w in self.weights_of_set(set) {
+                total = WeightPoly { quad: total.quad + w.quad, lin: total.lin + w.lin, con: total.con + w.con };
+            }
             for u in [0.0, 0.5, 1.0] {
-                let sum: f32 = self.weights_of_set(set).map(|w| w.at(u)).sum();
+                let sum = total.at(u);
                 if !sum.is_finite() || (sum - 1.0).abs() > MAX_WEIGHT_SUM_ERROR {
                     return Err(bad("coeffs", format!("weights of set {set} sum to {sum} at u = {u}, not to one")));
                 }

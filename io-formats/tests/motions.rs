@@ -133,6 +133,18 @@ fn a_motion_from_bvh_starts_at_the_identity_and_turns_about_the_pivot() {
 }
 
 #[test]
+fn a_turned_motion_tilts_where_the_turned_actor_would() {
+    // The hips turn -90 degrees about z; an actor turned 90 degrees about y turns about x instead.
+    let pivot = Vector3::new(1.0, 2.0, 3.0);
+    let end = MotionEnd::Hold;
+    let motion = PoseMotion::from_bvh_turned(&small(), 0, 1.0, 0, PI / 2.0, pivot, end).unwrap();
+    let expected = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), -PI / 2.0);
+    assert!(motion.pose_at(0.5).rotation.angle_to(&expected) < ANGLE_ROUND_OFF);
+    assert!(near(motion.pose_at(0.5) * Point3::from(pivot), [1.0, 2.0, 3.0]));
+    assert_eq!(motion.pose_at(0.0), Isometry3::identity());
+}
+
+#[test]
 fn skipped_frames_are_not_in_the_motion() {
     let motion = PoseMotion::from_bvh(&small(), 0, 1.0, 1, Vector3::zeros(), MotionEnd::Hold).unwrap();
     assert_eq!(motion.duration_s(), 0.0);

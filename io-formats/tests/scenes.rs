@@ -97,6 +97,7 @@ fn every_field_that_makes_no_sense_is_refused_by_name() {
         (solid(&format!("{sphere}keys = []")), "solid.s.keys"),
         (solid(&format!("{sphere}[[solid]]\nname = \"s\"\n{sphere}")), "solid[1].name"),
         (groom("[head]\npivot_cm = [0, nan, 0]"), "head.pivot_cm"),
+        (groom("[head.motion]\nbvh = \"m\"\njoint = \"j\"\nunit = \"cm\"\nyaw_deg = nan"), "head.motion.yaw_deg"),
         (groom("[material]\nbend = -1"), "material.bend"),
         (groom("[material]\nlinear_density_g_per_cm = 0"), "material.linear_density_g_per_cm"),
         (groom("[train]\nsequences = 0"), "train.sequences"),

@@ -135,7 +135,7 @@ fn check_motion(at: &str, motion: &MotionSpec) -> Check {
     match motion {
         MotionSpec::Still => Ok(()),
         MotionSpec::Bvh { path, .. } if path.as_os_str().is_empty() => refuse(format!("{at}.bvh"), "is empty"),
-        MotionSpec::Bvh { .. } => Ok(()),
+        MotionSpec::Bvh { yaw_deg, .. } => finite(format!("{at}.yaw_deg"), &[*yaw_deg]),
         MotionSpec::Keys(keys) => {
             if keys.is_empty() {
                 return refuse(format!("{at}.keys"), "is empty; leave it out for a body at rest");

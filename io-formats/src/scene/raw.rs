@@ -174,18 +174,22 @@ struct RawMotion {
     joint: Option<String>,
     unit: Option<LengthUnit>,
     skip_frames: Option<usize>,
+    yaw_deg: Option<f64>,
     repeat: Option<bool>,
 }
 
 impl RawMotion {
     fn build(self, table: &str) -> Result<MotionSpec, String> {
-        let bvh_only =
-            self.joint.is_some() || self.unit.is_some() || self.skip_frames.is_some() || self.repeat.is_some();
+        let bvh_only = self.joint.is_some()
+            || self.unit.is_some()
+            || self.skip_frames.is_some()
+            || self.yaw_deg.is_some()
+            || self.repeat.is_some();
         match (self.keys, self.bvh) {
             (Some(_), Some(_)) => Err(format!("{table} has both keys and a bvh file, give one")),
             (keys, None) if bvh_only => {
                 let given = if keys.is_some() { "keys" } else { "no bvh file" };
-                Err(format!("{table} has {given}, but joint, unit, skip_frames and repeat go with bvh only"))
+                Err(format!("{table} has {given}, but joint, unit, skip_frames, yaw_deg and repeat go with bvh only"))
             }
             (Some(keys), None) => Ok(MotionSpec::Keys(keys)),
             (None, None) => Ok(MotionSpec::Still),
@@ -194,6 +198,7 @@ impl RawMotion {
                 joint: self.joint.ok_or_else(|| format!("{table}.joint is required with bvh"))?,
                 unit: self.unit.ok_or_else(|| format!("{table}.unit is required with bvh, it is never guessed"))?,
                 skip_frames: self.skip_frames.unwrap_or(0),
+                yaw_deg: self.yaw_deg.unwrap_or(0.0),
                 repeat: self.repeat.unwrap_or(false),
             }),
         }
