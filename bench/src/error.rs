@@ -27,7 +27,9 @@ pub enum Error {
         least: f64,
     },
     /// The head given has no scalp where hair could grow.
-    #[error("no scalp found on solid {name}: hair grows on a head about the origin, face along +z, as built by `shapes::head`")]
+    #[error(
+        "no scalp found on solid {name}: hair grows on a head about the origin, face along +z, as built by `shapes::head`"
+    )]
     NoScalp {
         /// The solid's name.
         name: String,

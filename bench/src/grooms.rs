@@ -118,7 +118,9 @@ fn roots(params: &GroomParams) -> Result<Vec<Vector3<f32>>, Error> {
 fn is_scalp(direction: &Vector3<f32>) -> bool {
     let elevation = direction.y.clamp(-1.0, 1.0).asin().to_degrees();
     let turn = direction.x.abs().atan2(direction.z).to_degrees();
-    let hairline = 36.0 - 22.0 * smooth_step(22.0, 58.0, turn) - 8.0 * smooth_step(60.0, 85.0, turn)
+    let hairline = 36.0
+        - 22.0 * smooth_step(22.0, 58.0, turn)
+        - 8.0 * smooth_step(60.0, 85.0, turn)
         - 38.0 * smooth_step(88.0, 125.0, turn);
     elevation > hairline
 }
@@ -174,7 +176,7 @@ fn grow(params: &GroomParams, strand: u64, root: Vector3<f32>, out: &mut [[f32; 
         axis.push(p);
     }
     if params.style == Style::Wavy {
-        let phase = std::f32::consts::PI * (2.5 * noise(root * 0.22, params.seed ^ 5) + 0.25 * random.random::<f32>());
+        let phase = wave_phase(root, params.seed) + 0.5 * random.random::<f32>();
         wave(sdf, &mut axis, phase);
     }
     resample(&axis, length, out);
@@ -195,7 +197,9 @@ fn combed(p: Vector3<f32>, root: Vector3<f32>) -> Vector3<f32> {
     let back = over_head * (0.2 + 1.5 * front);
     // Hair parts to the side it grows on, more so towards the back.
     let side = 0.10 * root.x * smooth_step(0.0, 6.0, p.y);
-    Vector3::new(side, -1.0, -back - 0.06)
+    // What reaches the shoulders falls behind them rather than along them.
+    let behind = 0.06 + 0.75 * (1.0 - smooth_step(-19.0, -13.0, p.y)) * smooth_step(-9.0, -2.0, p.z);
+    Vector3::new(side, -1.0, -back - behind)
 }
 
 /// `p`, or the nearest point the drawn distance away from the head.
@@ -210,6 +214,16 @@ fn pushed_out(sdf: &SignedDistanceField, mut p: Vector3<f32>) -> Vector3<f32> {
         p += normal * (DRAWN_DISTANCE_CM - d + 1e-3);
     }
     p
+}
+
+/// Phase of a strand's wave at its root, radian. Grows with the way that combed hair takes over the head, so that crests
+/// of hair from different roots lie side by side where the hair does; a smooth variation keeps them from being ruled.
+fn wave_phase(root: Vector3<f32>, seed: u64) -> f32 {
+    const FROM: Vector3<f32> = Vector3::new(0.0, 0.5, 0.866);
+    const HEAD_RADIUS_CM: f32 = 9.0;
+    let center = Vector3::from(CRANIUM_CENTER);
+    let way = HEAD_RADIUS_CM * FROM.angle(&(root - center));
+    2.0 * std::f32::consts::PI * way / WAVE_LENGTH_CM + 2.2 * noise(root * 0.18, seed ^ 5)
 }
 
 /// Displaces a strand's axis sideways and outwards by a wave that fades in over the first centimetres.
@@ -375,7 +389,8 @@ mod tests {
                         d(a).total_cmp(&d(b))
                     })
                     .unwrap_or(i);
-                (Vector3::from(groom.strand(i)[PARTICLES - 1]) - Vector3::from(groom.strand(near)[PARTICLES - 1])).norm()
+                (Vector3::from(groom.strand(i)[PARTICLES - 1]) - Vector3::from(groom.strand(near)[PARTICLES - 1]))
+                    .norm()
             })
             .collect();
         spread.sort_by(f32::total_cmp);

@@ -202,7 +202,9 @@ fn curves_of(hair: &HairView) -> Vec<Curve> {
                     let t = k as f32 / PIECES as f32;
                     let (t2, t3) = (t * t, t * t * t);
                     points.push(
-                        p * (2.0 * t3 - 3.0 * t2 + 1.0) + dp * (t3 - 2.0 * t2 + t) + q * (3.0 * t2 - 2.0 * t3)
+                        p * (2.0 * t3 - 3.0 * t2 + 1.0)
+                            + dp * (t3 - 2.0 * t2 + t)
+                            + q * (3.0 * t2 - 2.0 * t3)
                             + dq * (t3 - t2),
                     );
                 }

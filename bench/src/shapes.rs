@@ -3,7 +3,7 @@
 //! Frames: a sphere about the origin; a rod along y; a comb with its spine along x through the origin and its teeth along
 //! -z; a head about the origin, y up, face along +z.
 
-use collision::{Shape, ShapeUnion, SignedDistanceField, Solid};
+use collision::{Bounds, Shape, ShapeUnion, SignedDistanceField, Solid, bake_from_fn};
 use io_formats::mesh::TriMesh;
 use nalgebra::Vector3;
 
@@ -92,7 +92,12 @@ pub const CRANIUM_CENTER: [f32; 3] = [0.0, 1.0, -0.8];
 /// # Errors
 /// None in practice: the shapes are fixed.
 pub fn head() -> Result<Solid, Error> {
-    bake("head", &head_shape(), HEAD_CELL_CM, 1.0)
+    // Tighter than the union's own bounds, which allow for every member blending with every other.
+    let bounds = Bounds::new(Vector3::new(-19.5, -36.0, -12.5), Vector3::new(19.5, 11.5, 12.5));
+    let shape = head_shape();
+    let sdf = bake_from_fn(bounds, HEAD_CELL_CM, |p| shape.distance(p))
+        .map_err(|source| Error::Bake { name: "head".to_owned(), source })?;
+    Ok(Solid { name: "head".to_owned(), sdf, half_thickness_cm: 1.0, friction: DEFAULT_FRICTION })
 }
 
 fn head_shape() -> ShapeUnion {
@@ -105,16 +110,16 @@ fn head_shape() -> ShapeUnion {
         Shape::sphere(v(0.0, -9.3, 6.0), 1.9),
         cone(v(0.0, 0.2, 8.3), v(0.0, -2.8, 9.3), 0.6, 0.9),
         // Neck.
-        cone(v(0.0, -6.0, -1.5), v(0.0, -17.0, -2.8), 5.0, 5.6),
+        cone(v(0.0, -6.0, -1.5), v(0.0, -19.0, -2.8), 5.0, 5.4),
     ];
     for side in [-1.0, 1.0] {
         // Ear, slope of the shoulder, upper arm.
         shapes.push(Shape::Ellipsoid { center: v(side * 7.4, -1.2, -0.6), radii: v(0.9, 2.8, 1.6) });
-        shapes.push(cone(v(side * 2.0, -18.0, -3.2), v(side * 15.0, -23.0, -3.2), 5.2, 4.6));
-        shapes.push(cone(v(side * 15.0, -23.0, -3.2), v(side * 16.5, -34.0, -3.2), 4.6, 4.2));
+        shapes.push(cone(v(side * 2.0, -21.5, -3.0), v(side * 13.0, -25.0, -3.0), 4.9, 4.6));
+        shapes.push(cone(v(side * 13.0, -25.0, -3.0), v(side * 13.8, -30.5, -3.0), 4.6, 4.3));
     }
     // Chest and back.
-    shapes.push(Shape::Box { center: v(0.0, -30.0, -2.4), half: v(14.5, 9.0, 7.5), rounding: 7.0 });
+    shapes.push(Shape::Box { center: v(0.0, -28.5, -2.2), half: v(13.5, 6.5, 7.5), rounding: 6.4 });
     ShapeUnion { shapes, smoothing: 2.0 }
 }
 

@@ -118,10 +118,15 @@ impl ShapeUnion {
     /// Signed distance at `p`, cm; infinite for an empty union.
     pub fn distance(&self, p: Vector3<f32>) -> f32 {
         self.shapes.iter().fold(f32::INFINITY, |least, s| {
-            // A member whose box is farther than the blend reaches leaves the result as it is.
+            // A member whose box is farther than the blend reaches leaves the result as it is. Within its box nothing is
+            // known: the member may be deeper.
             let b = s.bounds();
             let to_box = (p - p.sup(&b.min).inf(&b.max)).norm();
-            if to_box >= least + self.smoothing { least } else { smooth_min(least, s.distance(p), self.smoothing) }
+            if to_box > 0.0 && to_box >= least + self.smoothing {
+                least
+            } else {
+                smooth_min(least, s.distance(p), self.smoothing)
+            }
         })
     }
 

@@ -87,8 +87,7 @@ impl Canvas {
             let at = p.lerp(&q, t);
             let color = a.1.lerp(&b.1, t);
             let (along, across) = if steep { (at.y, at.x) } else { (at.x, at.y) };
-            let (along_end, across_end) =
-                if steep { (self.height, self.width) } else { (self.width, self.height) };
+            let (along_end, across_end) = if steep { (self.height, self.width) } else { (self.width, self.height) };
             if along < 0.0 || along >= along_end as f32 {
                 continue;
             }
@@ -115,9 +114,8 @@ impl Canvas {
         for y in span(a.y.min(b.y).min(c.y), a.y.max(b.y).max(c.y), self.height) {
             for x in span(a.x.min(b.x).min(c.x), a.x.max(b.x).max(c.x), self.width) {
                 let (px, py) = (x as f32 + 0.5, y as f32 + 0.5);
-                let weight = |u: &Vector3<f32>, v: &Vector3<f32>| {
-                    ((v.x - u.x) * (py - u.y) - (px - u.x) * (v.y - u.y)) / area
-                };
+                let weight =
+                    |u: &Vector3<f32>, v: &Vector3<f32>| ((v.x - u.x) * (py - u.y) - (px - u.x) * (v.y - u.y)) / area;
                 let w = Vector3::new(weight(&b, &c), weight(&c, &a), weight(&a, &b));
                 if w.min() >= 0.0 {
                     let color = corners[0].1 * w.x + corners[1].1 * w.y + corners[2].1 * w.z;

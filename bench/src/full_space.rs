@@ -1,0 +1,107 @@
+//! Every strand simulated: the source of training frames and the reference that a run is compared with.
+
+use crate::error::Error;
+use crate::world::World;
+use collision::{MovingSolid, Solid, SolidPose};
+use io_formats::groom::UniformGroom;
+use nalgebra::{Isometry3, Point3, Vector3};
+use strand_sim::{Material, StepInput, StepParams, StepReport, StepWorkspace, StrandState, StrandSystem};
+
+/// All strands of a groom on a head.
+pub struct FullSpace {
+    system: StrandSystem,
+    state: StrandState,
+    workspace: StepWorkspace,
+    params: StepParams,
+    world_from_head: Isometry3<f64>,
+    n: usize,
+}
+
+/// Longest time strands are given to come to rest, s.
+const SETTLE_S: f64 = 1.5;
+const SETTLE_STEP_S: f64 = 0.01;
+/// Air drag while settling, 1/s: high, since only where it ends matters.
+const SETTLE_DRAG: f64 = 8.0;
+
+/// The groom as it hangs on its head: strands that lay inside the head are out of it, and nothing moves any more.
+///
+/// `progress` is told the share done, 0 to 1.
+///
+/// # Errors
+/// Strands that cannot be simulated.
+pub fn settle(
+    groom: &UniformGroom,
+    head: &Solid,
+    material: Material,
+    params: &StepParams,
+    mut progress: impl FnMut(f64),
+) -> Result<UniformGroom, Error> {
+    let mut strands = FullSpace::new(groom, groom, Material { air_drag_per_s: SETTLE_DRAG, ..material }, params)?;
+    let pose = SolidPose::still(Isometry3::identity());
+    let head = MovingSolid { solid: head, pose };
+    let n_steps = (SETTLE_S / SETTLE_STEP_S) as usize;
+    for k in 0..n_steps {
+        strands.step(SETTLE_STEP_S, &Isometry3::identity(), &[head]);
+        progress((k + 1) as f64 / n_steps as f64);
+    }
+    let mut rest = UniformGroom { points: Vec::new(), ..*groom };
+    strands.positions_in_head(&mut rest.points);
+    Ok(rest)
+}
+
+impl FullSpace {
+    /// Strands styled as `groom`, starting still in the shape `rest`, the head at the identity.
+    ///
+    /// # Errors
+    /// Strands that cannot be simulated.
+    pub fn new(groom: &UniformGroom, rest: &UniformGroom, material: Material, params: &StepParams) -> Result<Self, Error> {
+        let points = |groom: &UniformGroom| -> Vec<Vector3<f64>> {
+            groom.points.iter().map(|&p| Vector3::from(p).cast()).collect()
+        };
+        let n = groom.n_particles;
+        let system = StrandSystem::styled(&points(groom), n, material, &params.gravity)?;
+        let world_from_head = Isometry3::identity();
+        let state = system.state_of_shape(&points(rest), &world_from_head)?;
+        Ok(Self { system, state, workspace: StepWorkspace::default(), params: *params, world_from_head, n })
+    }
+
+    /// Advances all strands; `solids` includes the head.
+    pub fn step(&mut self, dt: f64, world_from_head: &Isometry3<f64>, solids: &[MovingSolid]) -> StepReport {
+        let input = StepInput {
+            dt,
+            world_from_head_before: self.world_from_head,
+            world_from_head_after: *world_from_head,
+            solids,
+            forces: &[],
+        };
+        self.world_from_head = *world_from_head;
+        self.system.step(&mut self.state, &input, &self.params, &mut self.workspace)
+    }
+
+    /// Writes world positions, strand-major, cm.
+    pub fn positions(&self, out: &mut Vec<[f32; 3]>) {
+        self.write(&Isometry3::identity(), out);
+    }
+
+    /// Writes head-frame positions, strand-major, cm.
+    pub fn positions_in_head(&self, out: &mut Vec<[f32; 3]>) {
+        self.write(&self.world_from_head.inverse(), out);
+    }
+
+    fn write(&self, to: &Isometry3<f64>, out: &mut Vec<[f32; 3]>) {
+        out.resize(self.system.n_strands() * self.n, [0.0; 3]);
+        self.system.read(&self.state, |s, i, x, _| {
+            out[s * self.n + i] = to.transform_point(&Point3::from(x)).coords.cast::<f32>().into();
+        });
+    }
+}
+
+impl World {
+    /// All strands of this world's groom, at rest in `rest`.
+    ///
+    /// # Errors
+    /// Strands that cannot be simulated.
+    pub fn full_space(&self, rest: &UniformGroom, params: &StepParams) -> Result<FullSpace, Error> {
+        FullSpace::new(&self.groom, rest, self.material, params)
+    }
+}
