@@ -64,6 +64,8 @@ impl Bvh {
             offset: e.valid_up_to() as u64,
             reason: "not UTF-8".into(),
         })?;
+        // Some exporters on Windows write a byte-order mark.
+        let text = text.trim_start_matches('\u{feff}');
         let mut lines = Lines { path, lines: text.lines(), line: 0 };
         let joints = parse_hierarchy(&mut lines)?;
         let n_channels: usize = joints.iter().map(|j| j.channels.len()).sum();

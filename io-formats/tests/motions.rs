@@ -54,6 +54,12 @@ fn joints_pose_by_offset_or_position_and_rotate_in_channel_order() {
 }
 
 #[test]
+fn a_byte_order_mark_is_no_part_of_the_file() {
+    let marked = format!("\u{feff}{SMALL}");
+    assert_eq!(Bvh::parse(Path::new("small.bvh"), marked.as_bytes()).unwrap().n_joints(), 3);
+}
+
+#[test]
 fn an_unknown_joint_is_refused_with_the_names_there_are() {
     let error = small().joint_index("head").unwrap_err().to_string();
     assert!(error.contains("small.bvh") && error.contains("rig:Hips, Neck Upper, Head"), "{error}");

@@ -7,7 +7,8 @@ use common::shared_data;
 use io_formats::bvh::T_POSE_JUMP_DEG_PER_S;
 use io_formats::groom::arc_length;
 use io_formats::mesh::read_mesh;
-use io_formats::{Bvh, Error, Groom, LengthUnit, MotionEnd, PoseMotion, TriMesh, read_groom};
+use io_formats::scene::{HeadShape, SolidShape};
+use io_formats::{Bvh, Error, Groom, LengthUnit, MotionEnd, PoseMotion, Scene, TriMesh, read_groom};
 use nalgebra::{Isometry3, Vector3};
 
 fn groom(name: &str, unit: LengthUnit) -> Option<Groom> {
@@ -146,4 +147,50 @@ fn the_bowing_head_goes_down_and_comes_back_in_centimetres() {
     let heights: Vec<f64> = (0..bvh.n_frames()).map(|f| bvh.world_pose(f, head).translation.y).collect();
     let (lo, hi) = heights.iter().fold((f64::MAX, f64::MIN), |(lo, hi), &y| (lo.min(y), hi.max(y)));
     assert!((lo - 67.0).abs() < 2.0 && (hi - 149.0).abs() < 2.0, "{lo} to {hi}");
+}
+
+#[test]
+fn a_scene_of_real_files_loads_whole() {
+    let Some(hair) = shared_data("grooms/sintel_hair_16pts.tfx") else { return };
+    let data = hair.parent().unwrap().parent().unwrap();
+    let text = r#"
+        name = "sintel shakes her head"
+        seconds = 30.0
+        [groom]
+        file = "grooms/sintel_hair_16pts.tfx"
+        unit = "m"
+        translate_cm = [0.0, -155.0, 0.0]
+        [head]
+        mesh = "solids/sintel_collider.obj"
+        unit = "m"
+        pivot_cm = [0.0, -5.0, 0.0]
+        [head.motion]
+        bvh = "motion/cmu_01_01.bvh"
+        joint = "Head"
+        unit = 5.6
+        skip_frames = 1
+        repeat = true
+        [[solid]]
+        name = "comb"
+        mesh = "solids/comb.stl"
+        unit = "mm"
+        center = true
+        rotate_deg = [90.0, 0.0, 0.0]
+    "#;
+    let scene = Scene::from_toml(text, data).unwrap();
+    let groom = scene.groom.source.load_file().unwrap().unwrap();
+    groom.validate().unwrap();
+    let highest = groom.points.iter().map(|p| p[1]).fold(f32::MIN, f32::max);
+    assert!(highest > 5.0 && highest < 20.0, "{highest} cm above the head's middle");
+
+    let HeadShape::Mesh(head) = &scene.head.shape else { panic!("the head is a mesh") };
+    assert!(head.load().unwrap().is_closed());
+    let motion = scene.head_motion().unwrap();
+    assert!(motion.duration_s() >= scene.seconds, "the motion fills the scene");
+    assert_eq!(motion.pose_at(0.0), Isometry3::identity());
+
+    let SolidShape::Mesh(comb) = &scene.solids[0].shape else { panic!("the comb is a mesh") };
+    let (lo, hi) = comb.load().unwrap().bounds().unwrap();
+    // Turned about x, the teeth's length now runs along y.
+    assert!((hi[1] - lo[1] - 10.0).abs() < 0.01 && (hi[1] + lo[1]).abs() < 1e-4, "{lo:?} to {hi:?}");
 }
