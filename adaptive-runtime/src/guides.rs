@@ -25,6 +25,22 @@ pub fn material_of(record: &MaterialRecord) -> Material {
     }
 }
 
+/// A material as the model file holds it.
+#[must_use]
+pub fn record_of(material: &Material) -> MaterialRecord {
+    MaterialRecord {
+        stretch_dyn: material.stretch_dyn,
+        bend: material.bend_dyn,
+        twist: material.twist_dyn,
+        stretch_damping: material.stretch_damping,
+        bend_damping: material.bend_damping,
+        twist_damping: material.twist_damping,
+        friction: material.friction,
+        linear_density_g_per_cm: material.linear_density_g_per_cm,
+        air_drag_per_s: material.air_drag_per_s,
+    }
+}
+
 #[derive(Debug)]
 pub(crate) struct Guides {
     n_particles: usize,
@@ -42,13 +58,13 @@ pub(crate) struct Guides {
 }
 
 impl Guides {
-    pub(crate) fn new(model: &SkinningModel, params: &StepParams, world_from_head: &Isometry3<f64>) -> Result<Self, Error> {
+    pub(crate) fn new(model: &SkinningModel, world_from_head: &Isometry3<f64>) -> Result<Self, Error> {
         let n = model.n_particles as usize;
         let groom: Vec<Vector3<f64>> =
             model.groom_in_head.chunks_exact(3).map(|p| Vector3::new(p[0], p[1], p[2]).cast()).collect();
         let rest: Vec<[f32; 3]> =
             model.guide_strands.iter().flat_map(|&s| model.rest_of(s as usize).iter().copied()).collect();
-        let system = StrandSystem::styled(&groom, n, material_of(&model.material), &params.gravity)?;
+        let system = StrandSystem::new(&groom, n, material_of(&model.material))?;
         let shape: Vec<Vector3<f64>> = rest.iter().map(|&p| Vector3::from(p).cast()).collect();
         let state = system.state_of_shape(&shape, world_from_head)?;
         let n_guides = model.n_guides();

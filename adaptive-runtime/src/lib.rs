@@ -20,7 +20,7 @@ mod two_way;
 pub use clusters::Clusters;
 pub use error::Error;
 pub use graph::GuideGraph;
-pub use guides::material_of;
+pub use guides::{material_of, record_of};
 pub use params::{AssignParams, ResidualParams, RuntimeParams, TwoWayParams};
 pub use runtime::Runtime;
 pub use step::{StepInput, StepReport};

@@ -16,6 +16,23 @@ pub enum Error {
         /// What was wrong with it.
         source: collision::Error,
     },
+    /// A groom file holds strands that cannot be used.
+    #[error("groom {path} cannot be used; drop_degenerate in the scene leaves out strands without length", path = path.display())]
+    Groom {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: Box<io_formats::Error>,
+    },
+    /// A file of the scene could not be read or written.
+    #[error(transparent)]
+    Format(#[from] io_formats::Error),
+    /// Strands could not be simulated.
+    #[error(transparent)]
+    Strands(#[from] strand_sim::Error),
+    /// The runtime refused the model or its parameters.
+    #[error(transparent)]
+    Runtime(#[from] adaptive_runtime::Error),
     /// A parameter is out of its range.
     #[error("{name} is {value}, but must be finite and at least {least}")]
     BadParameter {

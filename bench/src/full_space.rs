@@ -54,12 +54,17 @@ impl FullSpace {
     ///
     /// # Errors
     /// Strands that cannot be simulated.
-    pub fn new(groom: &UniformGroom, rest: &UniformGroom, material: Material, params: &StepParams) -> Result<Self, Error> {
+    pub fn new(
+        groom: &UniformGroom,
+        rest: &UniformGroom,
+        material: Material,
+        params: &StepParams,
+    ) -> Result<Self, Error> {
         let points = |groom: &UniformGroom| -> Vec<Vector3<f64>> {
             groom.points.iter().map(|&p| Vector3::from(p).cast()).collect()
         };
         let n = groom.n_particles;
-        let system = StrandSystem::styled(&points(groom), n, material, &params.gravity)?;
+        let system = StrandSystem::new(&points(groom), n, material)?;
         let world_from_head = Isometry3::identity();
         let state = system.state_of_shape(&points(rest), &world_from_head)?;
         Ok(Self { system, state, workspace: StepWorkspace::default(), params: *params, world_from_head, n })

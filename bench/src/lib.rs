@@ -3,13 +3,21 @@
 //! - [`shapes`]: solids made of closed forms (sphere, rod, comb, head) and their meshes
 //! - [`grooms`]: a combed head of hair of any strand count, from a seed
 //! - [`picture`]: pictures without a window
+//! - [`world`]: a scene made real; [`full_space`]: every strand of it simulated
+//! - [`head_motion`]: random head motion for training
+//! - [`measures`]: what a run is judged by
 //!
 //! Centimetre, gram, second. Everything here is a function of its parameters and seed: the same bytes on any machine
 //! with the same floating-point library, for any thread count.
 
 mod error;
+pub mod full_space;
 pub mod grooms;
+pub mod head_motion;
+mod histogram;
+pub mod measures;
 pub mod picture;
 pub mod shapes;
+pub mod world;
 
 pub use error::Error;

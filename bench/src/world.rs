@@ -3,15 +3,13 @@
 use crate::error::Error;
 use crate::grooms::{GroomParams, Style, generate};
 use crate::shapes::{self, CombParams, solid_mesh};
+use adaptive_runtime::{material_of, record_of};
 use collision::{BakeParams, MovingSolid, Solid, SolidPose};
-use io_formats::bvh::Bvh;
-use io_formats::groom::{UniformGroom, negate_axes, read_groom};
-use io_formats::mesh::{TriMesh, read_mesh};
-use io_formats::motion::{MotionEnd, PoseKey, PoseMotion};
-use io_formats::scene::{
-    Attach, GroomSource, HairStyle, HeadShape, MaterialSpec, MeshSource, MotionSpec, Scene, SolidShape,
-};
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use io_formats::groom::UniformGroom;
+use io_formats::mesh::TriMesh;
+use io_formats::motion::PoseMotion;
+use io_formats::scene::{Attach, GroomSource, HairStyle, HeadShape, MeshSource, Scene, SolidShape};
+use nalgebra::Isometry3;
 use strand_sim::Material;
 
 /// Everything a run needs, in centimetres.
@@ -45,7 +43,7 @@ impl World {
     pub fn build(scene: Scene, mut progress: impl FnMut(&str)) -> Result<Self, Error> {
         progress("head");
         let (head, head_mesh) = match &scene.head.shape {
-            HeadShape::BuiltIn => {
+            HeadShape::Builtin => {
                 let head = shapes::head()?;
                 let mesh = solid_mesh(&head);
                 (head, mesh)
@@ -54,7 +52,7 @@ impl World {
         };
         progress("groom");
         let (groom, dropped_strands) = build_groom(&scene, &head)?;
-        let head_motion = motion(&scene.head.motion, scene.head.pivot_cm, scene.seconds)?;
+        let head_motion = scene.head_motion()?;
         let mut solids = Vec::new();
         let mut solid_meshes = Vec::new();
         let mut motions = Vec::new();
@@ -85,10 +83,25 @@ impl World {
             solid.friction = spec.friction as f32;
             solids.push(solid);
             solid_meshes.push(mesh);
-            motions.push((spec.attach, motion(&spec.motion, [0.0; 3], scene.seconds)?));
+            motions.push((spec.attach, spec.motion.load(scene.seconds, [0.0; 3])?));
         }
-        let material = material(&scene.material);
-        Ok(Self { scene, groom, dropped_strands, material, head, head_mesh, head_motion, solids, solid_meshes, motions })
+        let preset = match scene.material.preset {
+            HairStyle::Straight => Material::straight(),
+            HairStyle::Wavy => Material::wavy(),
+        };
+        let material = material_of(&scene.material.apply(record_of(&preset)));
+        Ok(Self {
+            scene,
+            groom,
+            dropped_strands,
+            material,
+            head,
+            head_mesh,
+            head_motion,
+            solids,
+            solid_meshes,
+            motions,
+        })
     }
 
     /// Head pose at time `t`, s.
@@ -130,7 +143,7 @@ impl World {
     /// Steps of the scene.
     #[must_use]
     pub fn n_steps(&self) -> usize {
-        (self.scene.seconds / self.scene.step_s).round() as usize
+        self.scene.n_steps()
     }
 
     /// Whether the state after step `step` (counted from 1) is the first at or past a picture's time; step 0 always is.
@@ -144,27 +157,15 @@ impl World {
 const HEAD_FRICTION: f32 = 0.1;
 
 fn bake(name: &str, source: &MeshSource, friction: f32) -> Result<(Solid, TriMesh), Error> {
-    let mut mesh = read_mesh(&source.path, source.unit)?;
-    if source.center
-        && let Some((min, max)) = mesh.bounds()
-    {
-        let middle: [f32; 3] = std::array::from_fn(|c| -0.5 * (min[c] + max[c]));
-        mesh = mesh.transformed(1.0, IDENTITY, middle);
-    }
-    let [x, y, z] = source.rotate_deg.map(f64::to_radians);
-    let turn = UnitQuaternion::from_euler_angles(x, y, z).to_rotation_matrix().cast::<f32>();
-    let rows: [[f32; 3]; 3] = std::array::from_fn(|r| std::array::from_fn(|c| turn[(r, c)]));
-    mesh = mesh.transformed(1.0, rows, [0.0; 3]);
-    let solid = Solid::from_mesh(name, &mesh.vertices, &mesh.triangles, BakeParams::standard(), friction)
+    let mesh = source.load()?;
+    let solid = Solid::from_mesh(name, &mesh.vertices, &mesh.triangles, BakeParams::automatic(), friction)
         .map_err(|source| Error::Bake { name: name.to_owned(), source })?;
     Ok((solid, mesh))
 }
 
-const IDENTITY: [[f32; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-
 fn build_groom(scene: &Scene, head: &Solid) -> Result<(UniformGroom, usize), Error> {
     match &scene.groom.source {
-        GroomSource::Generator(spec) => {
+        GroomSource::Generated(spec) => {
             let style = match spec.style {
                 HairStyle::Straight => Style::Straight,
                 HairStyle::Wavy => Style::Wavy,
@@ -179,57 +180,12 @@ fn build_groom(scene: &Scene, head: &Solid) -> Result<(UniformGroom, usize), Err
             };
             Ok((generate(&params)?, 0))
         }
-        GroomSource::File { path, unit, negate, translate_cm } => {
-            let mut groom = read_groom(path, *unit)?;
-            groom = groom.transformed(1.0, negate_axes(*negate), translate_cm.map(|x| x as f32));
+        GroomSource::File { path, .. } => {
+            let in_file = |source| Error::Groom { path: path.clone(), source: Box::new(source) };
+            let mut groom = scene.groom.source.load_file()?.unwrap_or_default();
             let dropped = if scene.groom.drop_degenerate { groom.drop_degenerate() } else { 0 };
-            groom.validate().map_err(|source| Error::Groom { path: path.clone(), source: Box::new(source) })?;
-            Ok((groom.resample(scene.groom.particles)?, dropped))
+            groom.validate().map_err(in_file)?;
+            Ok((groom.resample(scene.groom.particles).map_err(in_file)?, dropped))
         }
-    }
-}
-
-fn motion(spec: &MotionSpec, pivot_cm: [f64; 3], seconds: f64) -> Result<PoseMotion, Error> {
-    let pivot = Vector3::from(pivot_cm);
-    Ok(match spec {
-        MotionSpec::Still => PoseMotion::still(),
-        MotionSpec::Keys(keys) => {
-            let keys: Vec<PoseKey> = keys
-                .iter()
-                .map(|key| {
-                    let [x, y, z] = key.rotate_deg.map(f64::to_radians);
-                    PoseKey {
-                        time_s: key.t,
-                        translation_cm: Vector3::from(key.translate_cm),
-                        rotation: UnitQuaternion::from_euler_angles(x, y, z),
-                    }
-                })
-                .collect();
-            PoseMotion::about_pivot(&keys, pivot)?
-        }
-        MotionSpec::Bvh { path, joint, unit, skip_frames, repeat, .. } => {
-            let bvh = Bvh::read(path)?;
-            let joint = bvh.joint_index(joint)?;
-            let end = if *repeat { MotionEnd::Repeat { until_s: seconds } } else { MotionEnd::Hold };
-            PoseMotion::from_bvh(&bvh, joint, unit.cm_per_unit(), *skip_frames, pivot, end)?
-        }
-    })
-}
-
-fn material(spec: &MaterialSpec) -> Material {
-    let preset = match spec.preset {
-        HairStyle::Straight => Material::straight(),
-        HairStyle::Wavy => Material::wavy(),
-    };
-    Material {
-        stretch_dyn: spec.stretch_dyn.unwrap_or(preset.stretch_dyn),
-        bend_dyn: spec.bend.unwrap_or(preset.bend_dyn),
-        twist_dyn: spec.twist.unwrap_or(preset.twist_dyn),
-        stretch_damping: spec.stretch_damping.unwrap_or(preset.stretch_damping),
-        bend_damping: spec.bend_damping.unwrap_or(preset.bend_damping),
-        twist_damping: spec.twist_damping.unwrap_or(preset.twist_damping),
-        friction: spec.friction.unwrap_or(preset.friction),
-        linear_density_g_per_cm: spec.linear_density_g_per_cm.unwrap_or(preset.linear_density_g_per_cm),
-        air_drag_per_s: spec.air_drag_per_s.unwrap_or(preset.air_drag_per_s),
     }
 }

@@ -37,8 +37,7 @@ fn head_pose(motion: &str, t: f64) -> Isometry3<f64> {
 /// Positions every 10 ms, CPU seconds, largest strain.
 fn run(points: &[Vector3<f64>], motion: &str, dt: f64, substeps: usize) -> (Vec<Vec<Vector3<f64>>>, f64, f64) {
     let params = StepParams { substeps, ..StepParams::standard() };
-    let mut system = StrandSystem::new(points, 25, Material::straight()).expect("valid tuft");
-    system.balance_gravity(&params.gravity);
+    let system = StrandSystem::new(points, 25, Material::straight()).expect("valid tuft");
     let mut state = system.rest_state(&head_pose(motion, 0.0));
     let mut workspace = StepWorkspace::default();
     let (mut frames, mut cpu, mut strain) = (Vec::new(), 0.0, 0.0_f64);

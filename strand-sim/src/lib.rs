@@ -9,9 +9,8 @@
 //! use strand_sim::{Material, StepInput, StepParams, StepWorkspace, StrandSystem};
 //!
 //! let points: Vec<_> = (0..25).map(|i| Vector3::new(0.0, -f64::from(i), 0.0)).collect();
-//! let mut system = StrandSystem::new(&points, 25, Material::straight())?;
+//! let system = StrandSystem::new(&points, 25, Material::straight())?;
 //! let params = StepParams::standard();
-//! system.balance_gravity(&params.gravity);
 //! let head = Isometry3::identity();
 //! let mut state = system.rest_state(&head);
 //! let input =
@@ -26,7 +25,6 @@ mod error;
 mod forces;
 pub mod lanes;
 mod material;
-mod rest;
 pub mod rig;
 pub mod solve;
 mod step;
@@ -36,6 +34,5 @@ mod system;
 pub use body_contact::{Contact, ContactParams, NearPoint, near_points};
 pub use error::Error;
 pub use material::Material;
-pub use rest::RestReport;
 pub use step::{StepInput, StepParams, StepReport, StepWorkspace};
 pub use system::{MIN_LENGTH_CM, StrandState, StrandSystem};

@@ -100,22 +100,6 @@ impl StrandSystem {
         Ok(Self { n_strands, n_main, material, topologies, batches })
     }
 
-    /// A groom that hangs as styled under `gravity` (cm/s², head frame): [`StrandSystem::new`] and then
-    /// [`StrandSystem::balance_gravity`]. Training and runtime both build their strands this way.
-    ///
-    /// # Errors
-    /// As [`StrandSystem::new`].
-    pub fn styled(
-        points_in_head: &[Vector3<f64>],
-        n_main: usize,
-        material: Material,
-        gravity: &Vector3<f64>,
-    ) -> Result<Self, Error> {
-        let mut system = Self::new(points_in_head, n_main, material)?;
-        system.balance_gravity(gravity);
-        Ok(system)
-    }
-
     /// Strands.
     #[must_use]
     pub fn n_strands(&self) -> usize {
