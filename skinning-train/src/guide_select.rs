@@ -1,0 +1,7 @@
+//! Which strands become guides: sparse coding of the motion (AS16 Eq. 9), then the hair nearest to each atom (Eq. 10).
+//!
+//! All of it works on motion signals of reduced dimension ([`crate::reduce`]), scaled as described there.
+
+pub mod lasso;
+pub mod nearest;
+pub mod sparse_coding;

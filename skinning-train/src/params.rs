@@ -1,0 +1,183 @@
+//! What training is asked for, and what it says about its result.
+//!
+//! Parameters have no silent defaults: they come from a named preset, and are checked once, before any frame is read.
+
+use crate::error::{Error, Result};
+use crate::motion_scales::PAPER_VELOCITY_WEIGHT;
+use io_formats::skinning_model::MAX_ELIGIBLE;
+
+/// Parameters of [`crate::train`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrainParams {
+    /// Guides to select; at most as many as strands.
+    pub n_guides: usize,
+    /// Eligible guides of a strand at most, up to 9.
+    pub max_eligible: usize,
+    /// Eligible guides of a strand at least, as far as there are so many.
+    pub min_eligible: usize,
+    /// β of AS16 Eq. (9), in shares of the mean squared length of a motion signal (see [`crate::reduce`]).
+    pub sparsity: f64,
+    /// ε of AS16 §6.2 and §6.3: smaller coefficients make no guide eligible, smaller weights discard a set.
+    pub min_weight: f64,
+    /// Dimensions the motion signals are reduced to.
+    pub rank: usize,
+    /// Further dimensions while the basis is found.
+    pub oversample: usize,
+    /// Passes over all signals in dictionary learning.
+    pub epochs: usize,
+    /// Signals per mini-batch.
+    pub batch: usize,
+    /// Seed of all random choices.
+    pub seed: u64,
+    /// σ of AS16 Eq. (2).
+    pub velocity_weight: f32,
+    /// Percentile of the training distances of co-eligible pairs that becomes δ of AS16 Eq. (2).
+    pub distance_percentile: f64,
+    /// A guide pair parts at this multiple of δ.
+    pub release_factor: f32,
+    /// Strands on which turning and non-turning blends are compared, spread evenly; 0 skips the comparison.
+    pub n_compared: usize,
+}
+
+impl TrainParams {
+    /// The paper's constants (β = 0.15, ε = 0.01, σ = 5) with a calibrated δ, at most nine eligible guides.
+    #[must_use]
+    pub fn standard(n_guides: usize) -> Self {
+        Self {
+            n_guides,
+            max_eligible: MAX_ELIGIBLE,
+            min_eligible: 3,
+            sparsity: 0.15,
+            min_weight: 0.01,
+            rank: 96,
+            oversample: 16,
+            epochs: 8,
+            batch: 256,
+            seed: 1,
+            velocity_weight: PAPER_VELOCITY_WEIGHT,
+            distance_percentile: 99.5,
+            release_factor: 1.3,
+            n_compared: 500,
+        }
+    }
+
+    /// Checks every parameter against its range and the number of strands.
+    ///
+    /// # Errors
+    /// Names the first parameter out of range.
+    pub fn check(&self, n_strands: usize) -> Result<()> {
+        let most_guides = n_strands.min(usize::from(u16::MAX));
+        in_range("n_guides", self.n_guides, 1, most_guides)?;
+        in_range("max_eligible", self.max_eligible, 1, MAX_ELIGIBLE)?;
+        in_range("min_eligible", self.min_eligible, 1, self.max_eligible)?;
+        in_range("rank", self.rank, 1, usize::MAX / 2)?;
+        in_range("oversample", self.oversample, 0, usize::MAX / 4)?;
+        in_range("batch", self.batch, 1, usize::MAX)?;
+        in_range("sparsity", self.sparsity, 0.0, f64::MAX)?;
+        in_range("min_weight", self.min_weight, 0.0, 1.0)?;
+        in_range("velocity_weight", self.velocity_weight, 0.0, f32::MAX)?;
+        in_range("distance_percentile", self.distance_percentile, 0.0, 100.0)?;
+        in_range("release_factor", self.release_factor, 1.0, f32::MAX)
+    }
+}
+
+fn in_range<T: PartialOrd + std::fmt::Display>(name: &'static str, value: T, low: T, high: T) -> Result<()> {
+    if value >= low && value <= high {
+        Ok(())
+    } else {
+        Err(Error::BadParameter { name, value: value.to_string(), expected: format!("it must be {low} to {high}") })
+    }
+}
+
+/// How far a stage is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Progress {
+    /// Name of the stage, as in [`TrainReport::stage_seconds`].
+    pub stage: &'static str,
+    /// Units done.
+    pub done: u64,
+    /// Units in all.
+    pub total: u64,
+}
+
+/// Errors of the set of all eligible guides, over all strands that are not guides.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct FitError {
+    /// RMS position error (cm) with free weights at each particle, the least possible.
+    pub free_cm: f64,
+    /// RMS position error (cm) with quadratic weights, as stored.
+    pub quadratic_cm: f64,
+    /// RMS position error (cm) with weights linear along the strand.
+    pub linear_cm: f64,
+    /// RMS difference of the quadratic weights to the free ones.
+    pub quadratic_weight: f64,
+    /// RMS difference of the linear weights to the free ones.
+    pub linear_weight: f64,
+}
+
+/// What training did, as plain data.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct TrainReport {
+    /// Stages in order with their wall-clock seconds.
+    pub stage_seconds: Vec<(&'static str, f64)>,
+    /// Strands, frames.
+    pub n_strands: usize,
+    /// Frames read.
+    pub n_frames: usize,
+    /// Dimensions of the reduced motion signals.
+    pub rank: usize,
+    /// Share of the signals' energy that the reduction lost.
+    pub lost_energy: f64,
+    /// Mean objective of AS16 Eq. (9) with the first dictionary and after each epoch.
+    pub sparse_objective: Vec<f64>,
+    /// Codes of the last epoch that stopped early.
+    pub n_stopped_codes: usize,
+    /// Guides selected.
+    pub n_guides: usize,
+    /// Mean number of eligible guides of strands that are not guides.
+    pub mean_eligible: f64,
+    /// Mean number of kept sets of strands that are not guides.
+    pub mean_kept_sets: f64,
+    /// Errors of all eligible guides together, transforms that turn.
+    pub fit: FitError,
+    /// Number of strands in the comparison of blends.
+    pub n_compared: usize,
+    /// Errors on the compared strands, transforms that turn.
+    pub compared_rigid: FitError,
+    /// Errors on the compared strands, transforms that only move.
+    pub compared_translation_only: FitError,
+    /// Largest change of a weight of a kept set by rounding its coefficients to half precision.
+    pub largest_rounding: f64,
+    /// Guide pairs that can meet.
+    pub n_pairs: usize,
+    /// δ as calibrated.
+    pub max_distance: f32,
+    /// Share of pairs and frames within δ.
+    pub connected: f64,
+    /// The same with the paper's σ = 5, δ = 2.
+    pub connected_paper: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parameters_out_of_range_are_named() {
+        let good = TrainParams::standard(20);
+        assert!(good.check(100).is_ok());
+        let cases = [
+            ("n_guides", TrainParams { n_guides: 101, ..good.clone() }),
+            ("max_eligible", TrainParams { max_eligible: 10, ..good.clone() }),
+            ("min_eligible", TrainParams { min_eligible: 0, ..good.clone() }),
+            ("sparsity", TrainParams { sparsity: f64::NAN, ..good.clone() }),
+            ("release_factor", TrainParams { release_factor: 0.5, ..good }),
+        ];
+        for (expected, params) in cases {
+            match params.check(100) {
+                Err(Error::BadParameter { name, .. }) => assert_eq!(name, expected),
+                other => panic!("{expected}: {other:?}"),
+            }
+        }
+    }
+}

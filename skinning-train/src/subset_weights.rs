@@ -1,0 +1,331 @@
+//! Weights of every subset of a strand's eligible guides at one particle: AS16 Eq. (7), all 2^k - 1 problems in one walk.
+//!
+//! Each problem is: minimise wᵀ H w over w >= 0, Σw = 1, on the guides of one mask. Its minimiser without the sign
+//! condition is H⁻¹1, scaled. Where that has a negative weight the optimum lies on the boundary, at a subset without one
+//! of the negative guides; subsets come before their supersets in numeric order, so it is known already. Masks that
+//! differ by their lowest bit share all other rows of the Cholesky factor, which grows by one row per mask.
+//! A stated ridge makes H positive definite, hence every optimum unique: guides that move alike share their weight.
+
+use clarabel::algebra::CscMatrix;
+use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, ZeroConeT};
+use io_formats::skinning_model::MAX_ELIGIBLE;
+
+/// Ridge per mean diagonal entry of H.
+const RELATIVE_RIDGE: f64 = 1e-9;
+/// Differences below this (cm) are round-off of recorded positions: they must not decide between guides.
+const POSITION_NOISE_CM: f64 = 1e-5;
+/// Accuracy asked of the general solver, absolute and relative, after scaling to unit mean diagonal.
+const GENERAL_TOLERANCE: f64 = 1e-12;
+
+/// A symmetric matrix over eligible guides; rows and columns past k are not read.
+pub type Square = [[f64; MAX_ELIGIBLE]; MAX_ELIGIBLE];
+
+/// What is added to the diagonal of H: 1e-9 of its mean, and the noise of `n_frames` recorded positions.
+#[must_use]
+pub fn ridge(h: &Square, k: usize, n_frames: usize) -> f64 {
+    let trace: f64 = (0..k).map(|g| h[g][g]).sum();
+    RELATIVE_RIDGE * trace / k as f64 + n_frames as f64 * POSITION_NOISE_CM * POSITION_NOISE_CM
+}
+
+/// wᵀ H w.
+#[must_use]
+pub fn quadratic_form(h: &Square, k: usize, w: &[f64; MAX_ELIGIBLE]) -> f64 {
+    let mut total = 0.0;
+    for a in 0..k {
+        let row: f64 = (0..k).map(|b| h[a][b] * w[b]).sum();
+        total += w[a] * row;
+    }
+    total
+}
+
+/// Memory and results of [`SubsetWeights::solve`].
+#[derive(Debug, Clone)]
+pub struct SubsetWeights {
+    /// By mask: the weights where the optimum is inside, else unused.
+    weights: Vec<[f64; MAX_ELIGIBLE]>,
+    /// By mask: the least value of wᵀ (H + ridge) w.
+    objective: Vec<f64>,
+    /// By mask: the subset whose guides carry the optimum.
+    support: Vec<u16>,
+}
+
+impl Default for SubsetWeights {
+    fn default() -> Self {
+        let n = 1 << MAX_ELIGIBLE;
+        Self { weights: vec![[0.0; MAX_ELIGIBLE]; n], objective: vec![0.0; n], support: vec![0; n] }
+    }
+}
+
+impl SubsetWeights {
+    /// Solves for all subsets of `k` guides; `ridge` is added to the diagonal of `h` and must be positive.
+    /// Implements AS16 Eq. (7), from the Gram matrix of residuals. Ties go to the subset without the lowest guide.
+    ///
+    /// # Panics
+    /// If k is not 1 to 9.
+    pub fn solve(&mut self, h: &Square, k: usize, ridge: f64) {
+        assert!((1..=MAX_ELIGIBLE).contains(&k), "{k} eligible guides");
+        // The factor of the present mask, one row per guide from its highest bit down, and what follows from it.
+        let mut factor: Square = [[0.0; MAX_ELIGIBLE]; MAX_ELIGIBLE];
+        let mut inverse = [0.0; MAX_ELIGIBLE];
+        let mut forward = [0.0; MAX_ELIGIBLE];
+        let mut guide_at = [0; MAX_ELIGIBLE];
+        for mask in 1..1_usize << k {
+            let last = mask.count_ones() as usize - 1;
+            let guide = mask.trailing_zeros() as usize;
+            guide_at[last] = guide;
+            let mut diagonal = h[guide][guide] + ridge;
+            let mut ahead = 1.0;
+            for c in 0..last {
+                let mut sum = h[guide][guide_at[c]];
+                for t in 0..c {
+                    sum -= factor[last][t] * factor[c][t];
+                }
+                let entry = sum * inverse[c];
+                factor[last][c] = entry;
+                diagonal -= entry * entry;
+                ahead -= entry * forward[c];
+            }
+            // A Schur complement of H + ridge is at least the ridge; below it there is only round-off.
+            inverse[last] = 1.0 / diagonal.max(ridge).sqrt();
+            forward[last] = ahead * inverse[last];
+
+            let mut x = [0.0; MAX_ELIGIBLE];
+            let (mut total, mut negative) = (0.0, 0_usize);
+            for r in (0..=last).rev() {
+                let mut sum = forward[r];
+                for t in r + 1..=last {
+                    sum -= factor[t][r] * x[t];
+                }
+                x[r] = sum * inverse[r];
+                total += x[r];
+                if x[r] < 0.0 {
+                    negative |= 1 << guide_at[r];
+                }
+            }
+            if negative == 0 {
+                let weights = &mut self.weights[mask];
+                *weights = [0.0; MAX_ELIGIBLE];
+                for r in 0..=last {
+                    weights[guide_at[r]] = x[r] / total;
+                }
+                // The least value is 1 / (1ᵀ H⁻¹ 1).
+                self.objective[mask] = 1.0 / total;
+                self.support[mask] = mask as u16;
+            } else {
+                let mut best = f64::INFINITY;
+                while negative != 0 {
+                    let child = mask & !(negative & negative.wrapping_neg());
+                    if self.objective[child] < best {
+                        best = self.objective[child];
+                        self.support[mask] = self.support[child];
+                    }
+                    negative &= negative - 1;
+                }
+                self.objective[mask] = best;
+            }
+        }
+    }
+
+    /// Weights of the guides for one mask, by bit; zero outside the mask.
+    ///
+    /// # Panics
+    /// If the mask has more than nine bits.
+    #[must_use]
+    pub fn of(&self, mask: u16) -> &[f64; MAX_ELIGIBLE] {
+        &self.weights[usize::from(self.support[usize::from(mask)])]
+    }
+
+    /// The guides with a weight above zero for one mask, but for ties.
+    ///
+    /// # Panics
+    /// If the mask has more than nine bits.
+    #[must_use]
+    pub fn support(&self, mask: u16) -> u16 {
+        self.support[usize::from(mask)]
+    }
+
+    /// The least value of wᵀ (H + ridge) w for one mask (cm², summed over frames).
+    ///
+    /// # Panics
+    /// If the mask has more than nine bits.
+    #[must_use]
+    pub fn objective(&self, mask: u16) -> f64 {
+        self.objective[usize::from(mask)]
+    }
+}
+
+/// The same problem for one set of `k` guides by a general interior-point solver: the reference in tests, and the path for
+/// a problem the walk does not cover. `None` when the solver gives up.
+#[must_use]
+pub fn solve_general(h: &Square, k: usize, ridge: f64) -> Option<[f64; MAX_ELIGIBLE]> {
+    let mean = (0..k).map(|g| h[g][g] + ridge).sum::<f64>() / k as f64;
+    // Upper triangle, column by column. The solver minimises ½ wᵀ P w.
+    let (mut starts, mut rows, mut values) = (vec![0], Vec::new(), Vec::new());
+    for c in 0..k {
+        for r in 0..=c {
+            rows.push(r);
+            values.push(2.0 * (h[r][c] + if r == c { ridge } else { 0.0 }) / mean);
+        }
+        starts.push(rows.len());
+    }
+    let p = CscMatrix::new(k, k, starts, rows, values);
+    // One row for the sum, one per sign: A w + s = b.
+    let a_starts = (0..=k).map(|c| 2 * c).collect();
+    let a_rows = (0..k).flat_map(|c| [0, c + 1]).collect();
+    let a_values = (0..k).flat_map(|_| [1.0, -1.0]).collect();
+    let a = CscMatrix::new(k + 1, k, a_starts, a_rows, a_values);
+    let mut b = vec![0.0; k + 1];
+    b[0] = 1.0;
+    let settings = DefaultSettings {
+        verbose: false,
+        tol_gap_abs: GENERAL_TOLERANCE,
+        tol_gap_rel: GENERAL_TOLERANCE,
+        tol_feas: GENERAL_TOLERANCE,
+        ..DefaultSettings::default()
+    };
+    let cones = [ZeroConeT(1), NonnegativeConeT(k)];
+    let mut solver = DefaultSolver::new(&p, &vec![0.0; k], &a, &b, &cones, settings).ok()?;
+    solver.solve();
+    if !matches!(solver.solution.status, SolverStatus::Solved | SolverStatus::AlmostSolved) {
+        return None;
+    }
+    let mut w = [0.0; MAX_ELIGIBLE];
+    w[..k].copy_from_slice(&solver.solution.x);
+    Some(w)
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng};
+    use rand_pcg::Pcg64Mcg;
+
+    use super::*;
+
+    /// Agreement of objectives with the general solver, as a share of the objective, where that is well above the ridge.
+    const SAME_OBJECTIVE: f64 = 1e-9;
+    /// Round-off of weights.
+    const ROUND_OFF: f64 = 1e-12;
+
+    /// Gram matrix of residuals of `k` guides that share an error of size `shared`; `equal` makes the last two the same.
+    fn problem(rng: &mut Pcg64Mcg, k: usize, n_rows: usize, shared: f64, equal: bool) -> Square {
+        let common: Vec<f64> = (0..n_rows).map(|_| shared * rng.random_range(-1.0..1.0)).collect();
+        let mut residuals: Vec<Vec<f64>> = (0..k)
+            .map(|_| {
+                let size = 10.0_f64.powf(rng.random_range(-2.0..0.5));
+                common.iter().map(|c| c + size * rng.random_range(-1.0..1.0)).collect()
+            })
+            .collect();
+        if equal && k > 1 {
+            residuals[k - 1] = residuals[k - 2].clone();
+        }
+        let mut h = [[0.0; MAX_ELIGIBLE]; MAX_ELIGIBLE];
+        for a in 0..k {
+            for b in 0..k {
+                h[a][b] = residuals[a].iter().zip(&residuals[b]).map(|(x, y)| x * y).sum();
+            }
+        }
+        h
+    }
+
+    fn ridged(h: &Square, k: usize, ridge: f64) -> Square {
+        let mut out = *h;
+        (0..k).for_each(|g| out[g][g] += ridge);
+        out
+    }
+
+    /// The matrix of the guides in `mask` alone.
+    fn restrict(h: &Square, mask: usize) -> (Square, Vec<usize>) {
+        let guides: Vec<usize> = (0..MAX_ELIGIBLE).filter(|g| mask >> g & 1 == 1).collect();
+        let mut out = [[0.0; MAX_ELIGIBLE]; MAX_ELIGIBLE];
+        for (r, &a) in guides.iter().enumerate() {
+            for (c, &b) in guides.iter().enumerate() {
+                out[r][c] = h[a][b];
+            }
+        }
+        (out, guides)
+    }
+
+    fn check_laws(h: &Square, k: usize, walk: &SubsetWeights, ridge: f64) {
+        let with_ridge = ridged(h, k, ridge);
+        for mask in 1..1_u16 << k {
+            let w = walk.of(mask);
+            assert!((w.iter().sum::<f64>() - 1.0).abs() < ROUND_OFF, "mask {mask:b}: {w:?}");
+            for g in 0..MAX_ELIGIBLE {
+                assert!(w[g] >= 0.0 && (w[g] == 0.0 || mask >> g & 1 == 1), "mask {mask:b}: {w:?}");
+            }
+            for g in (0..k).filter(|g| mask >> g & 1 == 1 && mask.count_ones() > 1) {
+                let smaller = walk.objective(mask & !(1 << g));
+                assert!(walk.objective(mask) <= smaller * (1.0 + 1e-6), "mask {mask:b} is worse than without {g}");
+            }
+            // First-order optimality: no guide of the mask has a smaller slope than the set as a whole.
+            let value = quadratic_form(&with_ridge, k, w);
+            let trace: f64 = (0..k).map(|g| with_ridge[g][g]).sum();
+            for g in (0..k).filter(|g| mask >> g & 1 == 1) {
+                let slope: f64 = (0..k).map(|b| with_ridge[g][b] * w[b]).sum();
+                assert!(slope >= value - 1e-9 * trace, "mask {mask:b}, guide {g}: {slope:e} < {value:e}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_walk_agrees_with_the_general_solver_on_thousands_of_problems() {
+        let mut rng = Pcg64Mcg::seed_from_u64(7);
+        let mut walk = SubsetWeights::default();
+        let mut n_compared = 0;
+        for round in 0..400 {
+            let k = rng.random_range(1..=MAX_ELIGIBLE);
+            // Fewer rows than guides make H singular but for the ridge.
+            let n_rows = [3, 6, 30, 300][round % 4];
+            let h = problem(&mut rng, k, n_rows, [0.0, 0.3, 3.0][round % 3], round % 5 == 0);
+            let ridge = ridge(&h, k, n_rows / 3);
+            walk.solve(&h, k, ridge);
+            check_laws(&h, k, &walk, ridge);
+            for _ in 0..8 {
+                let mask = rng.random_range(1..1_usize << k);
+                let (part, guides) = restrict(&ridged(&h, k, ridge), mask);
+                let Some(w) = solve_general(&part, guides.len(), 0.0) else { continue };
+                // Both points are feasible, so the lower value is the better answer: the walk must not be above.
+                let general = quadratic_form(&part, guides.len(), &w);
+                let ours = quadratic_form(&ridged(&h, k, ridge), k, walk.of(mask as u16));
+                let scale = (0..k).map(|g| h[g][g]).sum::<f64>() / k as f64;
+                assert!(ours <= general + SAME_OBJECTIVE * (general + scale), "round {round}: {ours:e} > {general:e}");
+                assert!(general <= ours + SAME_OBJECTIVE * (ours + scale), "round {round}: {general:e} > {ours:e}");
+                n_compared += 1;
+            }
+        }
+        assert!(n_compared > 3000, "the general solver gave up on too many problems: {n_compared} compared");
+    }
+
+    #[test]
+    fn guides_that_move_alike_share_their_weight() {
+        let mut rng = Pcg64Mcg::seed_from_u64(2);
+        let h = problem(&mut rng, 4, 60, 0.1, true);
+        let mut walk = SubsetWeights::default();
+        let ridge = ridge(&h, 4, 20);
+        walk.solve(&h, 4, ridge);
+        let pair = walk.of(0b1100);
+        assert!((pair[2] - 0.5).abs() < 1e-6 && (pair[3] - 0.5).abs() < 1e-6, "{pair:?}");
+        assert!(walk.of(0b1111).iter().all(|w| w.is_finite()));
+    }
+
+    #[test]
+    fn without_any_error_weights_are_even() {
+        let h = [[0.0; MAX_ELIGIBLE]; MAX_ELIGIBLE];
+        let mut walk = SubsetWeights::default();
+        walk.solve(&h, 3, ridge(&h, 3, 100));
+        for (g, w) in walk.of(0b111)[..3].iter().enumerate() {
+            assert!((w - 1.0 / 3.0).abs() < ROUND_OFF, "guide {g}: {w}");
+        }
+    }
+
+    #[test]
+    fn a_single_guide_has_weight_one() {
+        let mut rng = Pcg64Mcg::seed_from_u64(8);
+        let h = problem(&mut rng, 9, 60, 0.5, false);
+        let mut walk = SubsetWeights::default();
+        walk.solve(&h, 9, ridge(&h, 9, 20));
+        for g in 0..9 {
+            assert!((walk.of(1 << g)[g] - 1.0).abs() < ROUND_OFF);
+        }
+    }
+}

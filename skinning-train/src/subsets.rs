@@ -1,0 +1,364 @@
+//! All guide sets of one strand with their weights: AS16 Algorithm 2.
+//!
+//! Every non-empty subset of the eligible guides is solved (Eq. 7) and fitted (Eq. 8); a set is discarded when one of its
+//! guides never reaches the least weight, for then a smaller set does the same. What counts, here and for the stated
+//! errors, are the weights as a runtime will use them: fitted, rounded to half precision, clamped, normalised. Single
+//! guides are always kept. The order of the paper, by ascending size, changes nothing; sets are listed by mask.
+
+use io_formats::skinning_model::MAX_ELIGIBLE;
+use multiversion::multiversion;
+
+use crate::gram::{StrandGram, pair_index};
+use crate::poly_fit::{PolyFit, Quadratic, weights_at};
+use crate::stand_ins::stand_ins;
+use crate::subset_weights::{Square, SubsetWeights, ridge};
+
+/// The kept sets of one strand, as the model file wants them.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct StrandSets {
+    /// Kept sets, ascending; bit b stands for the strand's b-th eligible guide.
+    pub masks: Vec<u16>,
+    /// Root mean square training error of each kept set (cm), over particles and frames.
+    pub rms_error_cm: Vec<f32>,
+    /// Per kept set and guide in bit order, half-precision bits of quad, lin, con.
+    pub coeffs: Vec<[u16; 3]>,
+    /// For mask m, at entry m - 1: index of the kept set standing in.
+    pub stand_in: Vec<u16>,
+    /// How well all eligible guides together explain the strand.
+    pub full: FullSetError,
+    /// Largest change of a weight of a kept set by rounding its coefficients to half precision.
+    pub largest_rounding: f64,
+}
+
+/// Errors of the set of all eligible guides; squares, to be averaged over strands before the root is taken.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct FullSetError {
+    /// Mean squared position error (cm²) with free weights at each particle: the least possible.
+    pub free_squared_cm: f64,
+    /// The same with quadratic weights, as stored.
+    pub quadratic_squared_cm: f64,
+    /// The same with weights linear along the strand.
+    pub linear_squared_cm: f64,
+    /// Mean squared difference of the quadratics, as used, to the free weights.
+    pub quadratic_weight_squared: f64,
+    /// Mean squared difference of the straight lines, as used, to the free weights.
+    pub linear_weight_squared: f64,
+}
+
+/// One thread's memory for [`strand_sets`].
+#[derive(Debug, Clone, Default)]
+pub struct SubsetsWorkspace {
+    walk: SubsetWeights,
+    /// By mask and guide, the quadratic being summed.
+    fits: Vec<[[f64; 3]; MAX_ELIGIBLE]>,
+    /// `k * n_particles` free weights of the full set, guide-major.
+    free: Vec<f64>,
+    /// `set size * n_particles` weights of the set at hand, guide-major.
+    used: Vec<f64>,
+    sums: Vec<f64>,
+}
+
+/// Solves, fits and sifts all subsets of one strand's eligible guides.
+/// Implements AS16 Algorithm 2. `min_weight` is ε; `n_frames` is how many frames the matrices were summed over.
+///
+/// # Panics
+/// If the matrices are of another particle count than the fit, or of more than nine guides.
+#[must_use]
+pub fn strand_sets(
+    gram: &StrandGram,
+    n_frames: usize,
+    fit: &PolyFit,
+    min_weight: f64,
+    ws: &mut SubsetsWorkspace,
+) -> StrandSets {
+    let (k, n) = (gram.n_guides, gram.n_particles);
+    assert_eq!(n, fit.n_particles(), "one fit per particle count");
+    let n_masks = 1_usize << k;
+    solve_all(gram, n_frames, fit, ws);
+
+    let per_point = 1.0 / (n * n_frames.max(1)) as f64;
+    let mut sets = StrandSets::default();
+    for mask in 1..n_masks {
+        let (mut exact, mut stored) = ([Quadratic::default(); MAX_ELIGIBLE], [Quadratic::default(); MAX_ELIGIBLE]);
+        let mut bits = [[0; 3]; MAX_ELIGIBLE];
+        let mut size = 0;
+        for g in (0..k).filter(|g| mask >> g & 1 == 1) {
+            let [quad, lin, con] = ws.fits[mask][g];
+            exact[size] = Quadratic { quad, lin, con };
+            bits[size] = exact[size].to_bits();
+            stored[size] = Quadratic::from_bits(bits[size]);
+            size += 1;
+        }
+        evaluate(&stored[..size], fit, &mut ws.used);
+        let idle = ws.used.chunks_exact(n).any(|weights| weights.iter().fold(0.0_f64, |m, &w| m.max(w)) < min_weight);
+        if idle && size > 1 {
+            continue;
+        }
+        let squared = per_point * squared_error(gram, mask, &ws.used, &mut ws.sums);
+        sets.masks.push(mask as u16);
+        sets.rms_error_cm.push(squared.sqrt() as f32);
+        sets.coeffs.extend_from_slice(&bits[..size]);
+        sets.largest_rounding = sets.largest_rounding.max(rounding(&exact[..size], &ws.used, fit));
+    }
+    sets.stand_in = stand_ins(k, &sets.masks, &sets.rms_error_cm);
+    sets.full = full_set_error(gram, per_point, fit, ws);
+    sets
+}
+
+/// Solves all subsets at all particles, summing the fits of each and keeping the free weights of the full set.
+fn solve_all(gram: &StrandGram, n_frames: usize, fit: &PolyFit, ws: &mut SubsetsWorkspace) {
+    let (k, n) = (gram.n_guides, gram.n_particles);
+    let n_masks = 1_usize << k;
+    ws.fits.clear();
+    ws.fits.resize(n_masks, [[0.0; 3]; MAX_ELIGIBLE]);
+    ws.free.clear();
+    ws.free.resize(k * n, 0.0);
+    for i in 0..n {
+        let mut h: Square = [[0.0; MAX_ELIGIBLE]; MAX_ELIGIBLE];
+        for a in 0..k {
+            for b in a..k {
+                h[a][b] = gram.values[pair_index(k, a, b) * n + i];
+                h[b][a] = h[a][b];
+            }
+        }
+        ws.walk.solve(&h, k, ridge(&h, k, n_frames));
+        let share = fit.quadratic[i];
+        for mask in 1..n_masks {
+            let weights = ws.walk.of(mask as u16);
+            let mut support = ws.walk.support(mask as u16);
+            while support != 0 {
+                let g = support.trailing_zeros() as usize;
+                for d in 0..3 {
+                    ws.fits[mask][g][d] += share[d] * weights[g];
+                }
+                support &= support - 1;
+            }
+        }
+        for (g, w) in ws.walk.of((n_masks - 1) as u16)[..k].iter().enumerate() {
+            ws.free[g * n + i] = *w;
+        }
+    }
+}
+
+/// The weights of a set as used, guide-major.
+fn evaluate(set: &[Quadratic], fit: &PolyFit, out: &mut Vec<f64>) {
+    let n = fit.n_particles();
+    out.resize(set.len() * n, 0.0);
+    out.truncate(set.len() * n);
+    let mut at_particle = [0.0; MAX_ELIGIBLE];
+    for (i, &u) in fit.u.iter().enumerate() {
+        weights_at(set, u, &mut at_particle);
+        for g in 0..set.len() {
+            out[g * n + i] = at_particle[g];
+        }
+    }
+}
+
+/// Largest difference between the weights in use and those of the coefficients before rounding.
+fn rounding(exact: &[Quadratic], used: &[f64], fit: &PolyFit) -> f64 {
+    let n = fit.n_particles();
+    let mut largest = 0.0_f64;
+    let mut at_particle = [0.0; MAX_ELIGIBLE];
+    for (i, &u) in fit.u.iter().enumerate() {
+        weights_at(exact, u, &mut at_particle);
+        for g in 0..exact.len() {
+            largest = largest.max((used[g * n + i] - at_particle[g]).abs());
+        }
+    }
+    largest
+}
+
+/// Sum over particles of wᵀ H w (cm²), for weights of the guides in `mask`, guide-major.
+fn squared_error(gram: &StrandGram, mask: usize, weights: &[f64], sums: &mut Vec<f64>) -> f64 {
+    let (k, n) = (gram.n_guides, gram.n_particles);
+    sums.clear();
+    sums.resize(n, 0.0);
+    let mut row = 0;
+    for a in (0..k).filter(|a| mask >> a & 1 == 1) {
+        let mut column = row;
+        for b in (a..k).filter(|b| mask >> b & 1 == 1) {
+            let at = pair_index(k, a, b) * n;
+            // Off the diagonal each pair stands for two entries.
+            let times = if a == b { 1.0 } else { 2.0 };
+            let (wa, wb) = (&weights[row * n..(row + 1) * n], &weights[column * n..(column + 1) * n]);
+            add_terms(sums, times, &gram.values[at..at + n], wa, wb);
+            column += 1;
+        }
+        row += 1;
+    }
+    // Round-off may leave a set without error slightly below zero.
+    sums.iter().sum::<f64>().max(0.0)
+}
+
+#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
+fn add_terms(sums: &mut [f64], times: f64, h: &[f64], wa: &[f64], wb: &[f64]) {
+    let n = sums.len();
+    assert!(h.len() == n && wa.len() == n && wb.len() == n);
+    for i in 0..n {
+        sums[i] += times * h[i] * wa[i] * wb[i];
+    }
+}
+
+fn full_set_error(gram: &StrandGram, per_point: f64, fit: &PolyFit, ws: &mut SubsetsWorkspace) -> FullSetError {
+    let (k, n) = (gram.n_guides, gram.n_particles);
+    let full = (1_usize << k) - 1;
+    let free = std::mem::take(&mut ws.free);
+    let mut error = FullSetError {
+        free_squared_cm: per_point * squared_error(gram, full, &free, &mut ws.sums),
+        ..FullSetError::default()
+    };
+    let mut one = |set: &[Quadratic]| {
+        evaluate(set, fit, &mut ws.used);
+        let weight = ws.used.iter().zip(&free).map(|(a, b)| (a - b) * (a - b)).sum::<f64>() / (k * n) as f64;
+        (per_point * squared_error(gram, full, &ws.used, &mut ws.sums), weight)
+    };
+    let per_guide =
+        |fitted: &dyn Fn(&[f64]) -> Quadratic| -> Vec<Quadratic> { free.chunks_exact(n).map(fitted).collect() };
+    let stored = per_guide(&|weights| Quadratic::from_bits(fit.fit(weights).to_bits()));
+    (error.quadratic_squared_cm, error.quadratic_weight_squared) = one(&stored);
+    (error.linear_squared_cm, error.linear_weight_squared) = one(&per_guide(&|weights| fit.fit_line(weights)));
+    ws.free = free;
+    error
+}
+
+#[cfg(test)]
+mod tests {
+    use io_formats::guide_transform::{DisplacementTransform, guide_transforms};
+    use io_formats::{FrameInfo, MemoryFrames, UniformGroom, WeightPoly};
+    use rand::{Rng, SeedableRng};
+    use rand_pcg::Pcg64Mcg;
+
+    use super::*;
+    use crate::eligible::Eligible;
+    use crate::gram::accumulate;
+    use crate::transforms::BlendKind;
+
+    const N: usize = 12;
+    const N_FRAMES: usize = 40;
+    /// Half precision of coefficients up to 2, three of them per weight.
+    const HALF_PRECISION: f32 = 3e-3;
+    /// Round-off of recorded `f32` positions within 20 cm.
+    const ROUND_OFF_CM: f64 = 1e-5;
+
+    /// Guides that wave at random; returns their rest shape and frames.
+    fn waving_guides(k: usize, rng: &mut Pcg64Mcg) -> (Vec<[f32; 3]>, Vec<Vec<[f32; 3]>>) {
+        let rest: Vec<[f32; 3]> =
+            (0..k * N).map(|at| [(at / N) as f32 * 0.8, -((at % N) as f32), 0.1 * (at % N) as f32]).collect();
+        let frames = (0..N_FRAMES)
+            .map(|_| {
+                let sway: Vec<[f32; 3]> = (0..k).map(|_| [0; 3].map(|_| rng.random_range(-0.03..0.03))).collect();
+                let curl: Vec<f32> = (0..k).map(|_| rng.random_range(-0.5..0.5)).collect();
+                (0..k * N)
+                    .map(|at| {
+                        let (g, i) = (at / N, (at % N) as f32);
+                        let bent = (0.4 * i).sin() * curl[g];
+                        [
+                            rest[at][0] + sway[g][0] * i * i + bent,
+                            rest[at][1] + sway[g][1] * i * i,
+                            rest[at][2] + sway[g][2] * i * i + 0.5 * bent,
+                        ]
+                    })
+                    .collect()
+            })
+            .collect();
+        (rest, frames)
+    }
+
+    /// One strand more than the guides, blended from them with the `planted` weights.
+    fn blended(planted: &[Quadratic], rng: &mut Pcg64Mcg) -> StrandGram {
+        let k = planted.len();
+        let (mut rest, guides) = waving_guides(k, rng);
+        let strand_rest: Vec<[f32; 3]> = (0..N).map(|i| [1.3, -0.9 * i as f32, 0.4 + 0.05 * i as f32]).collect();
+        rest.extend(&strand_rest);
+        let mut frames = MemoryFrames::new(k + 1, N);
+        for (f, mut points) in guides.into_iter().enumerate() {
+            let mut strand = vec![[0.0_f32; 3]; N];
+            let mut t = [DisplacementTransform::default(); N];
+            for (g, q) in planted.iter().enumerate() {
+                guide_transforms(&rest[g * N..(g + 1) * N], &points[g * N..(g + 1) * N], &mut t);
+                for i in 0..N {
+                    let p = t[i].apply(strand_rest[i]);
+                    let w = q.at(i as f64 / (N - 1) as f64) as f32;
+                    (0..3).for_each(|c| strand[i][c] += w * p[c]);
+                }
+            }
+            points.extend(strand);
+            let info = FrameInfo { sequence: 0, time_s: f as f64 * 0.02 };
+            frames.push(info, &points).expect("the frame has the right number of points");
+        }
+        let rest = UniformGroom { n_strands: k + 1, n_particles: N, points: rest };
+        let guide_strands: Vec<u32> = (0..k as u32).collect();
+        let mut start: Vec<u32> = (0..=k as u32).collect();
+        start.push(2 * k as u32);
+        let eligible = Eligible { start, guides: (0..k as u16).chain(0..k as u16).collect() };
+        let strands = [k as u32];
+        accumulate(&frames, &rest, &guide_strands, &eligible, &strands, BlendKind::Rigid, &mut |_| {})
+            .expect("the frames can be read")
+            .remove(0)
+    }
+
+    fn sets_of(gram: &StrandGram, min_weight: f64) -> StrandSets {
+        let fit = PolyFit::new(N).expect("three particles or more");
+        strand_sets(gram, N_FRAMES, &fit, min_weight, &mut SubsetsWorkspace::default())
+    }
+
+    #[test]
+    fn planted_quadratic_weights_are_given_back() {
+        let planted = [
+            Quadratic { quad: 0.3, lin: -0.5, con: 0.5 },
+            Quadratic { quad: -0.4, lin: 0.6, con: 0.1 },
+            Quadratic { quad: 0.1, lin: -0.1, con: 0.2 },
+            Quadratic { quad: 0.0, lin: 0.0, con: 0.2 },
+        ];
+        let sets = sets_of(&blended(&planted, &mut Pcg64Mcg::seed_from_u64(21)), 0.01);
+        let full = sets.masks.len() - 1;
+        assert_eq!(sets.masks[full], 0b1111);
+        for (bits, q) in sets.coeffs[sets.coeffs.len() - 4..].iter().zip(&planted) {
+            for i in 0..N {
+                let u = i as f32 / (N - 1) as f32;
+                let (found, expected) = (WeightPoly::from_bits(*bits).at(u), q.at(f64::from(u)) as f32);
+                assert!((found - expected).abs() < HALF_PRECISION, "u = {u}: {found}, not {expected}");
+            }
+        }
+        assert!(sets.full.free_squared_cm.sqrt() < ROUND_OFF_CM, "{:?}", sets.full);
+        assert!(sets.full.linear_squared_cm > sets.full.quadratic_squared_cm);
+        let best = sets.rms_error_cm.iter().copied().fold(f32::INFINITY, f32::min);
+        assert_eq!(best, sets.rms_error_cm[full], "no other set explains the strand as well");
+    }
+
+    #[test]
+    fn a_guide_without_weight_leaves_no_set_but_its_own() {
+        let planted = [
+            Quadratic { quad: 0.0, lin: -0.4, con: 0.7 },
+            Quadratic::default(),
+            Quadratic { quad: 0.0, lin: 0.4, con: 0.3 },
+        ];
+        let sets = sets_of(&blended(&planted, &mut Pcg64Mcg::seed_from_u64(4)), 0.01);
+        assert!(sets.masks.contains(&0b101) && sets.masks.contains(&0b010), "{:?}", sets.masks);
+        assert!(!sets.masks.contains(&0b111), "guide 1 adds nothing to guides 0 and 2");
+        let index_of_pair = sets.masks.iter().position(|&m| m == 0b101).expect("checked above");
+        assert_eq!(usize::from(sets.stand_in[0b111 - 1]), index_of_pair, "guides 0 and 2 stand in for all three");
+    }
+
+    #[test]
+    fn single_guides_are_kept_and_stored_weights_sum_to_one() {
+        let mut rng = Pcg64Mcg::seed_from_u64(9);
+        let noise: Vec<Quadratic> = (0..6).map(|_| Quadratic { con: 1.0 / 6.0, ..Quadratic::default() }).collect();
+        let sets = sets_of(&blended(&noise, &mut rng), 0.01);
+        for g in 0..6 {
+            assert!(sets.masks.contains(&(1 << g)));
+        }
+        let mut at = 0;
+        for mask in &sets.masks {
+            let n = mask.count_ones() as usize;
+            for u in [0.0, 0.3, 1.0] {
+                let sum: f32 = sets.coeffs[at..at + n].iter().map(|&b| WeightPoly::from_bits(b).at(u)).sum();
+                assert!((sum - 1.0).abs() < HALF_PRECISION * n as f32, "mask {mask:b}: {sum}");
+            }
+            at += n;
+        }
+        assert_eq!(at, sets.coeffs.len());
+        assert!(sets.largest_rounding < f64::from(HALF_PRECISION), "{}", sets.largest_rounding);
+        assert_eq!(sets.stand_in.len(), 63);
+    }
+}

@@ -1,0 +1,142 @@
+//! Training as a whole on a small head of hair made by code: the model is valid, explains the motion it saw, and its
+//! bytes depend on its inputs only.
+
+use io_formats::{FrameInfo, FrameSource, MaterialRecord, MemoryFrames, SkinningModel, UniformGroom};
+use skinning_train::{Error, TrainInputs, TrainParams, TrainReport, train};
+
+const N_STRANDS: usize = 80;
+const N_PARTICLES: usize = 10;
+const FRAMES_PER_SEQUENCE: usize = 30;
+/// A tenth of the spacing of guides on this head.
+const SMALL_ERROR_CM: f64 = 0.2;
+
+/// Strands on a dome, 9 cm long, swaying with a phase that drifts over the dome; `amplitude` zero is the rest shape.
+fn head(time: f32, amplitude: f32) -> Vec<[f32; 3]> {
+    let mut points = Vec::new();
+    for s in 0..N_STRANDS {
+        let (turn, height) = (s as f32 * 2.399_963, 1.0 - 1.5 * (s as f32 + 0.5) / N_STRANDS as f32);
+        let radius = (1.0 - height * height).sqrt();
+        let out = [radius * turn.cos(), height, radius * turn.sin()];
+        let sway = amplitude * (3.0 * time + 0.8 * out[0]).sin();
+        let nod = amplitude * (2.0 * time + 0.8 * out[2]).cos();
+        for i in 0..N_PARTICLES {
+            let l = i as f32;
+            let (push, drop) = (0.5 * l, 0.04 * l * l);
+            points.push([
+                8.0 * out[0] + out[0] * push + 0.01 * sway * l * l,
+                8.0 * out[1] + out[1] * push - drop,
+                8.0 * out[2] + out[2] * push + 0.01 * nod * l * l,
+            ]);
+        }
+    }
+    points
+}
+
+fn groom() -> UniformGroom {
+    UniformGroom { n_strands: N_STRANDS, n_particles: N_PARTICLES, points: head(0.0, 0.0) }
+}
+
+fn frames() -> MemoryFrames {
+    let mut frames = MemoryFrames::new(N_STRANDS, N_PARTICLES);
+    for sequence in 0..2 {
+        for f in 0..FRAMES_PER_SEQUENCE {
+            let time_s = f as f64 * 0.04;
+            let points = head(time_s as f32 + 10.0 * sequence as f32, 1.0 + sequence as f32);
+            frames.push(FrameInfo { sequence, time_s }, &points).expect("the frame has the right number of points");
+        }
+    }
+    frames
+}
+
+fn material() -> MaterialRecord {
+    MaterialRecord {
+        stretch_dyn: 3e5,
+        bend: 30.0,
+        twist: 15.0,
+        stretch_damping: 10.0,
+        bend_damping: 0.05,
+        twist_damping: 0.05,
+        friction: 0.05,
+        linear_density_g_per_cm: 5e-5,
+        air_drag_per_s: 1.0,
+    }
+}
+
+fn check(params: &TrainParams) -> (SkinningModel, TrainReport) {
+    let groom = groom();
+    let inputs = TrainInputs { rest: &groom, groom: &groom, material: material(), provenance: 77 };
+    train(&frames(), &inputs, params, &mut |_| {}).expect("the inputs are good")
+}
+
+#[test]
+fn a_model_trained_from_frames_is_valid_and_explains_them() {
+    let (model, report) = check(&TrainParams::standard(12));
+    model.validate().expect("train validates");
+    assert_eq!((model.provenance, model.n_guides()), (77, 12));
+    assert!(report.fit.quadratic_cm < SMALL_ERROR_CM, "{report:?}");
+    assert!(report.fit.free_cm <= report.fit.quadratic_cm, "free weights are the least error possible: {report:?}");
+    assert!((3.0..=9.0).contains(&report.mean_eligible), "{report:?}");
+    assert!(report.mean_kept_sets >= report.mean_eligible, "single guides are always kept: {report:?}");
+    assert!(
+        report.lost_energy < 0.01 && report.connected > 0.99 && report.connected > report.connected_paper,
+        "{report:?}"
+    );
+    for (guide, &strand) in model.guide_strands.iter().enumerate() {
+        assert_eq!(model.eligible_of(strand as usize), [guide as u16]);
+        assert_eq!(model.sets_of(strand as usize).masks, [1]);
+    }
+}
+
+#[test]
+fn the_model_has_the_same_bytes_for_any_number_of_threads() {
+    let with_threads = |n: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(n).build().expect("threads can be started");
+        let (model, mut report) = pool.install(|| check(&TrainParams { rank: 20, ..TrainParams::standard(10) }));
+        report.stage_seconds.clear();
+        (model, report)
+    };
+    let one = with_threads(1);
+    for n in [2, 3] {
+        assert!(one == with_threads(n), "{n} threads give another model than one");
+    }
+}
+
+#[test]
+fn progress_ends_complete_in_every_stage_that_is_timed() {
+    let groom = groom();
+    let inputs = TrainInputs { rest: &groom, groom: &groom, material: material(), provenance: 0 };
+    let mut heard: Vec<(&str, u64, u64)> = Vec::new();
+    let params = TrainParams { epochs: 2, ..TrainParams::standard(6) };
+    let (_, report) = train(&frames(), &inputs, &params, &mut |p| heard.push((p.stage, p.done, p.total)))
+        .expect("the inputs are good");
+    for (stage, seconds) in report.stage_seconds {
+        let last = heard.iter().rfind(|(s, ..)| *s == stage).expect("every stage reports");
+        assert_eq!(last.1, last.2, "{stage}");
+        assert!(seconds >= 0.0);
+    }
+}
+
+#[test]
+fn inputs_of_different_hair_are_refused() {
+    let (good, frames) = (groom(), frames());
+    let other = UniformGroom {
+        n_strands: N_STRANDS - 1,
+        n_particles: N_PARTICLES,
+        points: good.points[N_PARTICLES..].to_vec(),
+    };
+    let inputs = TrainInputs { rest: &good, groom: &other, material: material(), provenance: 0 };
+    let refused = train(&frames, &inputs, &TrainParams::standard(4), &mut |_| {});
+    assert!(matches!(refused, Err(Error::ShapeMismatch { what: "the groom", .. })), "{refused:?}");
+}
+
+#[test]
+fn a_single_frame_is_no_motion() {
+    let (groom, all) = (groom(), frames());
+    let mut points = vec![[0.0; 3]; N_STRANDS * N_PARTICLES];
+    all.read(0, &mut points).expect("the frame is there");
+    let mut one = MemoryFrames::new(N_STRANDS, N_PARTICLES);
+    one.push(all.info(0), &points).expect("the frame has the right number of points");
+    let inputs = TrainInputs { rest: &groom, groom: &groom, material: material(), provenance: 0 };
+    let refused = train(&one, &inputs, &TrainParams::standard(4), &mut |_| {});
+    assert!(matches!(refused, Err(Error::TooFewFrames { n_frames: 1, .. })), "{refused:?}");
+}
