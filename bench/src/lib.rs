@@ -5,7 +5,7 @@
 //! - [`picture`]: pictures without a window
 //! - [`world`]: a scene made real; [`full_space`]: every strand of it simulated
 //! - [`head_motion`]: random head motion for training
-//! - [`measures`]: what a run is judged by
+//! - [`run`]: a scene run in one of the modes compared; [`measures`]: what it is judged by
 //!
 //! Centimetre, gram, second. Everything here is a function of its parameters and seed: the same bytes on any machine
 //! with the same floating-point library, for any thread count.
@@ -17,6 +17,7 @@ pub mod head_motion;
 mod histogram;
 pub mod measures;
 pub mod picture;
+pub mod run;
 pub mod shapes;
 pub mod world;
 

@@ -115,7 +115,7 @@ impl<'a> Observer<'a> {
             reach,
             near,
             is_near,
-            first_sampled: rest_length.chunks_exact(n - 1).map(|l| first_sampled(l)).collect(),
+            first_sampled: rest_length.chunks_exact(n - 1).map(first_sampled).collect(),
             rest_length,
             previous: Vec::new(),
             before_previous: Vec::new(),

@@ -1,0 +1,108 @@
+//! `cargo xtask convert`: grooms to `.hair` and meshes to `.obj`, in one stated unit.
+//!
+//! What a file is follows from its extension. A unit is never guessed: that of the input must be given, and the output
+//! is in centimetres unless stated. Strands without length are refused unless asked to be left out.
+
+use anyhow::{Context, bail};
+use io_formats::groom::negate_axes;
+use io_formats::{LengthUnit, read_groom, read_mesh, write_hair, write_obj};
+use std::path::{Path, PathBuf};
+
+/// Convert a groom (.hair, .tfx) to .hair, or a mesh (.obj, .stl) to .obj.
+#[derive(clap::Args)]
+pub struct Args {
+    /// File to read: .hair or .tfx (groom), .obj or .stl (mesh).
+    input: PathBuf,
+    /// File to write: .hair for a groom, .obj for a mesh.
+    output: PathBuf,
+    /// Unit of the input: m, cm, mm, in, or centimetres per unit as a number.
+    #[arg(long, value_name = "UNIT")]
+    unit: String,
+    /// Unit of the output, as for --unit.
+    #[arg(long, value_name = "UNIT", default_value = "cm")]
+    out_unit: String,
+    /// Axes to negate, e.g. "z" or "xz"; a mirrored mesh keeps facing outwards.
+    #[arg(long, value_name = "AXES", default_value = "")]
+    negate: String,
+    /// Points per strand, uniform by arc length; without it strands keep their own points.
+    #[arg(long, value_name = "N")]
+    resample: Option<usize>,
+    /// Leave out strands without length or with points that are not numbers, instead of refusing the groom.
+    #[arg(long)]
+    drop_degenerate: bool,
+}
+
+/// Converts as asked and says what was written.
+///
+/// # Errors
+/// A file that cannot be read, understood or written; a pair of extensions that makes no sense.
+pub fn run(args: Args) -> anyhow::Result<()> {
+    let unit: LengthUnit = args.unit.parse().context("--unit")?;
+    let out_unit: LengthUnit = args.out_unit.parse().context("--out-unit")?;
+    let axes = negate_axes(axes(&args.negate)?);
+    match (extension(&args.input).as_str(), extension(&args.output).as_str()) {
+        ("hair" | "tfx", "hair") => convert_groom(&args, unit, out_unit, axes),
+        ("obj" | "stl", "obj") => convert_mesh(&args, unit, out_unit, axes),
+        (from, to) => bail!("cannot turn .{from} into .{to}; grooms (.hair, .tfx) become .hair, meshes (.obj, .stl) .obj"),
+    }
+}
+
+fn convert_groom(args: &Args, unit: LengthUnit, out_unit: LengthUnit, axes: [[f32; 3]; 3]) -> anyhow::Result<()> {
+    let mut groom = read_groom(&args.input, unit).with_context(|| format!("reading {}", args.input.display()))?;
+    let dropped = if args.drop_degenerate { groom.drop_degenerate() } else { 0 };
+    groom.validate().with_context(|| format!("checking {}", args.input.display()))?;
+    let mut groom = groom.transformed(1.0, axes, [0.0; 3]);
+    if let Some(n) = args.resample {
+        groom = groom.resample(n).context("--resample")?.to_groom();
+    }
+    write_hair(&args.output, &groom, out_unit).with_context(|| format!("writing {}", args.output.display()))?;
+    println!(
+        "{}: {} strands, {} points, {dropped} strands dropped",
+        args.output.display(),
+        groom.n_strands(),
+        groom.points.len()
+    );
+    Ok(())
+}
+
+fn convert_mesh(args: &Args, unit: LengthUnit, out_unit: LengthUnit, axes: [[f32; 3]; 3]) -> anyhow::Result<()> {
+    let mesh = read_mesh(&args.input, unit).with_context(|| format!("reading {}", args.input.display()))?;
+    let scale = (1.0 / out_unit.cm_per_unit()) as f32;
+    let mesh = mesh.transformed(scale, axes, [0.0; 3]);
+    write_obj(&args.output, &mesh).with_context(|| format!("writing {}", args.output.display()))?;
+    println!(
+        "{}: {} vertices, {} triangles, {}",
+        args.output.display(),
+        mesh.vertices.len(),
+        mesh.triangles.len(),
+        if mesh.is_closed() { "closed" } else { "not closed: it cannot be used as a solid" }
+    );
+    Ok(())
+}
+
+fn axes(text: &str) -> anyhow::Result<[bool; 3]> {
+    let mut negate = [false; 3];
+    for axis in text.chars() {
+        match "xyz".find(axis) {
+            Some(k) => negate[k] = true,
+            None => bail!("--negate {text:?}: {axis:?} is not one of x, y, z"),
+        }
+    }
+    Ok(negate)
+}
+
+fn extension(path: &Path) -> String {
+    path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn axes_are_named_once_each_in_any_order() {
+        assert_eq!(axes("zx").unwrap(), [true, false, true]);
+        assert_eq!(axes("").unwrap(), [false; 3]);
+        assert!(axes("w").is_err());
+    }
+}
