@@ -45,8 +45,7 @@ pub fn run(args: Args) -> Result<()> {
             continue;
         }
         let bar = bars.bar(mode.name(), world.n_steps() as u64);
-        let result =
-            run_mode(world, &prepared.model, mode, &reference, |s| bar.set_position(s as u64), |_, _| ())?;
+        let result = run_mode(world, &prepared.model, mode, &reference, |s| bar.set_position(s as u64), |_, _| ())?;
         bar.finish_and_clear();
         rows.push((mode, result));
     }

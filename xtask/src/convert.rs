@@ -43,7 +43,9 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     match (extension(&args.input).as_str(), extension(&args.output).as_str()) {
         ("hair" | "tfx", "hair") => convert_groom(&args, unit, out_unit, axes),
         ("obj" | "stl", "obj") => convert_mesh(&args, unit, out_unit, axes),
-        (from, to) => bail!("cannot turn .{from} into .{to}; grooms (.hair, .tfx) become .hair, meshes (.obj, .stl) .obj"),
+        (from, to) => {
+            bail!("cannot turn .{from} into .{to}; grooms (.hair, .tfx) become .hair, meshes (.obj, .stl) .obj")
+        }
     }
 }
 

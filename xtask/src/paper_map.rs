@@ -155,7 +155,11 @@ impl PaperMap {
             for home in homes {
                 let lines = home.lines.map_or(String::new(), |(a, b)| format!(", lines {a}-{b}"));
                 let file = home.file.display();
-                out += &format!("| {paper} | {item}{lines} | {file} | `{}` | {} |\n", home.function, home.says.replace('|', "\\|"));
+                out += &format!(
+                    "| {paper} | {item}{lines} | {file} | `{}` | {} |\n",
+                    home.function,
+                    home.says.replace('|', "\\|")
+                );
             }
         }
         out
@@ -172,7 +176,8 @@ impl PaperMap {
             let says = first_sentence(&words);
             let function = lines[k..].iter().find_map(|l| item_name(l)).unwrap_or_else(|| "?".to_owned());
             for (paper, item, range) in references(&says) {
-                let home = Home { lines: range, file: path.to_path_buf(), function: function.clone(), says: says.clone() };
+                let home =
+                    Home { lines: range, file: path.to_path_buf(), function: function.clone(), says: says.clone() };
                 let homes = self.homes.entry((paper, item)).or_default();
                 if !homes.contains(&home) {
                     homes.push(home);
@@ -253,7 +258,9 @@ mod unit {
 
     #[test]
     fn several_references_share_a_sentence() {
-        let found = references("Implements AS16 Algorithm 1 lines 16-23 and Eq. (3), states by position, weights by AS16 Eq. (6) only");
+        let found = references(
+            "Implements AS16 Algorithm 1 lines 16-23 and Eq. (3), states by position, weights by AS16 Eq. (6) only",
+        );
         let items: Vec<_> = found.iter().map(|(paper, item, range)| format!("{paper} {item} {range:?}")).collect();
         assert_eq!(items, ["AS16 Algorithm 1 Some((16, 23))", "AS16 Eq. (3) None", "AS16 Eq. (6) None"]);
         assert_eq!(references("Implements MS08 §4.1: F = 2")[0].1, Item::Section("4.1".to_owned()));
@@ -262,7 +269,9 @@ mod unit {
 
     #[test]
     fn a_reference_after_the_first_sentence_is_no_home() {
-        let map = map("/// Implements AS16 Eq. (2), in the\n/// head frame. Unlike AS16 Eq. (5) it is short.\n#[inline]\npub(crate) fn f() {}\n");
+        let map = map(
+            "/// Implements AS16 Eq. (2), in the\n/// head frame. Unlike AS16 Eq. (5) it is short.\n#[inline]\npub(crate) fn f() {}\n",
+        );
         assert_eq!(map.n_homes(), 1);
         let home = &map.homes[&("AS16".to_owned(), Item::Equation(2))][0];
         assert_eq!((home.function.as_str(), home.says.as_str()), ("f", "Implements AS16 Eq. (2), in the head frame"));

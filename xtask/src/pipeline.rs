@@ -110,7 +110,12 @@ pub fn prepare(scene: Scene, out: &Path, bars: &Bars) -> Result<Prepared> {
     let params = StepParams::standard();
     let rest_key = key_of(
         "rest",
-        &[hash_points(&world.groom.points), hash_text(&scene.head.shape), hash_text(&world.material), hash_text(&params)],
+        &[
+            hash_points(&world.groom.points),
+            hash_text(&scene.head.shape),
+            hash_text(&world.material),
+            hash_text(&params),
+        ],
     );
     let rest_key = key_of("rest", &[rest_key, hash_files(scene)?]);
     let rest = settled(&world, &cache.join(format!("rest-{rest_key:016x}.frames")), rest_key, &params, bars)?;
@@ -136,7 +141,8 @@ pub fn prepare(scene: Scene, out: &Path, bars: &Bars) -> Result<Prepared> {
         let model = SkinningModel::load(&path).with_context(|| format!("the cached model {}", path.display()))?;
         return Ok(Prepared { world, model, report: None, cache, key: model_key });
     }
-    let frames = recorded(&world, &rest, &cache.join(format!("frames-{frames_key:016x}.frames")), frames_key, &params, bars)?;
+    let frames =
+        recorded(&world, &rest, &cache.join(format!("frames-{frames_key:016x}.frames")), frames_key, &params, bars)?;
     let inputs = TrainInputs {
         rest: &rest,
         groom: &world.groom,
@@ -154,7 +160,8 @@ pub fn prepare(scene: Scene, out: &Path, bars: &Bars) -> Result<Prepared> {
 /// The groom as it hangs, from the cache or by simulation.
 fn settled(world: &World, path: &Path, key: u64, params: &StepParams, bars: &Bars) -> Result<UniformGroom> {
     let groom = &world.groom;
-    let mut rest = UniformGroom { n_strands: groom.n_strands, n_particles: groom.n_particles, points: groom.points.clone() };
+    let mut rest =
+        UniformGroom { n_strands: groom.n_strands, n_particles: groom.n_particles, points: groom.points.clone() };
     if path.exists() {
         FrameStore::open(path)?.read(0, &mut rest.points)?;
         return Ok(rest);
@@ -275,9 +282,16 @@ pub fn reference(prepared: &Prepared, with_full: bool, bars: &Bars) -> Result<Re
         let (n_strands, n) = (model.n_strands as usize, model.n_particles as usize);
         let mut frames = Vec::new();
         let bar = bars.bar("full-space reference", world.n_steps() as u64);
-        let full = run(world, model, Mode::FullSpace, &reference, |s| bar.set_position(s as u64), |t, points| {
-            frames.push((t, points.to_vec()));
-        })?;
+        let full = run(
+            world,
+            model,
+            Mode::FullSpace,
+            &reference,
+            |s| bar.set_position(s as u64),
+            |t, points| {
+                frames.push((t, points.to_vec()));
+            },
+        )?;
         bar.finish_and_clear();
         let mut writer = FrameStoreWriter::create(&frames_path, n_strands, n, key)?;
         for (time_s, points) in &frames {

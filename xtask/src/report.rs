@@ -79,8 +79,17 @@ pub fn run_json(mode: Mode, run: &RunResult, reference: &Reference) -> Value {
 pub fn print_table(rows: &[(Mode, RunResult)], reference: &Reference) {
     println!(
         "{:<12} {:>8} {:>8} {:>8} {:>9} {:>8} {:>8} {:>15} {:>15} {:>7} {:>9}",
-        "mode", "inside %", "passed %", "depth mm", "standoff", "error %", "near %", "stretch p99/max", "flicker med/p999",
-        "guides", "CPU-s/s"
+        "mode",
+        "inside %",
+        "passed %",
+        "depth mm",
+        "standoff",
+        "error %",
+        "near %",
+        "stretch p99/max",
+        "flicker med/p999",
+        "guides",
+        "CPU-s/s"
     );
     for (mode, run) in rows {
         let m = &run.measured;

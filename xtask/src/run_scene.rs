@@ -83,9 +83,16 @@ pub fn run(args: Args) -> Result<()> {
 
     let mut frames: Vec<(f64, Vec<[f32; 3]>)> = Vec::new();
     let bar = bars.bar(mode.name(), world.n_steps() as u64);
-    let result = run_mode(world, &prepared.model, mode, &reference, |s| bar.set_position(s as u64), |t, points| {
-        frames.push((t, points.to_vec()));
-    })?;
+    let result = run_mode(
+        world,
+        &prepared.model,
+        mode,
+        &reference,
+        |s| bar.set_position(s as u64),
+        |t, points| {
+            frames.push((t, points.to_vec()));
+        },
+    )?;
     bar.finish_and_clear();
 
     let file = |extension: &str| folder.join(format!("{}.{extension}", mode.name()));

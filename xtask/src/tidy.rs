@@ -100,13 +100,17 @@ pub fn files(root: &Path) -> anyhow::Result<Vec<PathBuf>> {
 /// Paths that exist on one machine only.
 fn check_paths(text: &str, report: &mut impl FnMut(usize, String)) {
     // Put together here, so that this file does not accuse itself.
-    const ROOTS: [&str; 5] =
-        [concat!("/", "home/"), concat!("/", "root/"), concat!("/", "work/"), concat!("/", "tmp/"), concat!("/", "Users/")];
+    const ROOTS: [&str; 5] = [
+        concat!("/", "home/"),
+        concat!("/", "root/"),
+        concat!("/", "work/"),
+        concat!("/", "tmp/"),
+        concat!("/", "Users/"),
+    ];
     for (k, line) in text.lines().enumerate() {
         for root in ROOTS {
-            let starts_path = |at: usize| {
-                !line[..at].chars().next_back().is_some_and(|c| c.is_alphanumeric() || "./_-".contains(c))
-            };
+            let starts_path =
+                |at: usize| !line[..at].chars().next_back().is_some_and(|c| c.is_alphanumeric() || "./_-".contains(c));
             if line.match_indices(root).any(|(at, _)| starts_path(at)) {
                 report(k + 1, format!("names {root}, which is one machine's; use a path relative to the workspace"));
             }
@@ -143,7 +147,10 @@ fn check_unsafe(text: &str, report: &mut impl FnMut(usize, String)) {
     let says_why = text.contains("allow(unsafe_code, reason");
     for (k, line) in code_lines(text) {
         if !says_why && FORMS.iter().any(|form| line.contains(form)) {
-            report(k, "is unsafe in a file that does not say why; add `#![allow(unsafe_code, reason = ...)]`".to_owned());
+            report(
+                k,
+                "is unsafe in a file that does not say why; add `#![allow(unsafe_code, reason = ...)]`".to_owned(),
+            );
         }
     }
 }
@@ -183,7 +190,11 @@ fn check_dependencies(root: &Path, out: &mut Vec<Violation>) -> anyhow::Result<(
         .current_dir(root)
         .output()
         .context("running cargo metadata")?;
-    anyhow::ensure!(answer.status.success(), "cargo metadata failed: {}", String::from_utf8_lossy(&answer.stderr).trim());
+    anyhow::ensure!(
+        answer.status.success(),
+        "cargo metadata failed: {}",
+        String::from_utf8_lossy(&answer.stderr).trim()
+    );
     let metadata: serde_json::Value = serde_json::from_slice(&answer.stdout).context("reading cargo metadata")?;
     let packages = metadata["packages"].as_array().context("cargo metadata lists no packages")?;
     for package in packages {
@@ -193,7 +204,8 @@ fn check_dependencies(root: &Path, out: &mut Vec<Violation>) -> anyhow::Result<(
         let text = std::fs::read_to_string(manifest).with_context(|| format!("reading {}", manifest.display()))?;
         let line_of = |what: &str| text.lines().position(|l| l.starts_with(what)).map_or(1, |k| k + 1);
         let Some((_, allowed)) = MAY_DEPEND_ON.iter().find(|(of, _)| *of == name) else {
-            let what = format!("package {name} has no place in the dependency rules; give it one, and in ARCHITECTURE.md");
+            let what =
+                format!("package {name} has no place in the dependency rules; give it one, and in ARCHITECTURE.md");
             out.push(Violation { file, line: line_of("name"), what });
             continue;
         };
@@ -220,21 +232,29 @@ mod unit {
     }
 
     fn lines(path: &str, text: &str) -> Vec<usize> {
-        complaints(|mut report| check_source(Path::new(path), text, &mut report)).into_iter().map(|(line, _)| line).collect()
+        complaints(|mut report| check_source(Path::new(path), text, &mut report))
+            .into_iter()
+            .map(|(line, _)| line)
+            .collect()
     }
 
     #[test]
     fn a_file_without_a_header_is_found() {
         assert_eq!(lines("collision/src/x.rs", "fn x() {}\n"), [1]);
-        assert_eq!(lines("collision/src/x.rs", "//! X.\nfn x() {}\n"), []);
+        assert!(lines("collision/src/x.rs", "//! X.\nfn x() {}\n").is_empty());
     }
 
     #[test]
     fn prints_count_in_libraries_but_not_in_their_tests_or_comments() {
-        let text = concat!("//! X.\n// print", "ln!\nfn x() { print", "ln!(); }\n#[cfg(test)]\nmod tests { print", "ln!() }\n");
+        let text = concat!(
+            "//! X.\n// print",
+            "ln!\nfn x() { print",
+            "ln!(); }\n#[cfg(test)]\nmod tests { print",
+            "ln!() }\n"
+        );
         assert_eq!(lines("collision/src/x.rs", text), [3]);
-        assert_eq!(lines("xtask/src/x.rs", text), []);
-        assert_eq!(lines("collision/examples/x.rs", text), []);
+        assert!(lines("xtask/src/x.rs", text).is_empty());
+        assert!(lines("collision/examples/x.rs", text).is_empty());
     }
 
     #[test]

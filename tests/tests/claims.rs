@@ -1,0 +1,6 @@
+//! What AS16 and MS08 promise, on small scenes.
+
+mod real_solids;
+mod runtime;
+mod strands;
+mod strands_in_contact;

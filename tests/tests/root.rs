@@ -1,0 +1,7 @@
+//! Laws that span crates: what the papers claim, determinism, files, and the workspace's own rules.
+#![allow(clippy::unwrap_used, clippy::print_stderr, reason = "test code")]
+
+mod claims;
+mod determinism;
+mod formats;
+mod tidy;
