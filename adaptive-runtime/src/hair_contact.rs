@@ -41,6 +41,8 @@ pub(crate) struct LaneInput<'a> {
     pub offset: &'a dyn Fn(usize) -> (Vector3<f64>, Vector3<f64>),
     /// Rest positions, cm, any frame.
     pub rest: &'a [[f32; 3]],
+    /// Whether a solid other than the head may be met in this step; if not, only the offset moves.
+    pub near: bool,
 }
 
 /// Up to eight strands with all they carry through a step.
@@ -51,8 +53,6 @@ pub(crate) struct ContactBatch {
     after: Vec<Lane3>,
     pub offset: Vec<Lane3>,
     pub velocity: Vec<Lane3>,
-    /// Mean contact force over the step, dyn.
-    pub force: Vec<Lane3>,
     mass: Vec<Lane>,
     /// Rest length per segment, cm.
     rest_length: Vec<Lane>,
@@ -62,8 +62,7 @@ pub(crate) struct ContactBatch {
     beam: Lane,
     /// First particle beyond the root's free length.
     first_for_head: [usize; LANES],
-    /// Sharpest relation seen of contacts, for the report.
-    pub contacts: u64,
+    near: [bool; LANES],
     /// Whether the lane met a solid this step.
     pub touched: [bool; LANES],
     /// Lower bound of the distance to any solid but the head at the end of the step, cm.
@@ -106,13 +105,12 @@ impl ContactBatch {
             after: lanes3(),
             offset: lanes3(),
             velocity: lanes3(),
-            force: lanes3(),
             mass: vec![ZERO; n],
             rest_length: vec![ZERO; n - 1],
             string: vec![ZERO; n - 1],
             beam: ZERO,
             first_for_head: [N_FIXED; LANES],
-            contacts: 0,
+            near: [false; LANES],
             touched: [false; LANES],
             clearance: ZERO,
         }
@@ -120,6 +118,7 @@ impl ContactBatch {
 
     fn load(&mut self, lane: usize, input: &LaneInput, material: &Material, gravity: f64) {
         let n = self.before.len();
+        self.near[lane] = input.near;
         for i in 0..n {
             set(&mut self.before[i], lane, (input.skin_before)(i));
             set(&mut self.after[i], lane, (input.skin_after)(i));
@@ -210,8 +209,6 @@ impl HairContact {
 
 fn step_batch(batch: &mut ContactBatch, slot: &mut Slot, input: &ResidualInput) {
     let n = batch.before.len();
-    batch.force.fill([ZERO; 3]);
-    batch.contacts = 0;
     batch.touched = [false; LANES];
     batch.clearance = [f64::INFINITY; LANES];
     let n_substeps = substeps(batch, input);
@@ -240,15 +237,7 @@ fn step_batch(batch: &mut ContactBatch, slot: &mut Slot, input: &ResidualInput) 
         assemble_and_solve(batch, h, input, slot);
         for contact in &slot.contacts {
             let force = contact.apply_friction(N_FIXED, h, &batch.mass, &mut batch.velocity);
-            if force == Vector3::zeros() {
-                continue;
-            }
-            batch.touched[contact.lane] = true;
-            batch.contacts += 1;
-            for (p, w) in contact.ends.into_iter().zip(contact.weight) {
-                let sum = get(&batch.force[p], contact.lane) + force * (w / n_substeps as f64);
-                set(&mut batch.force[p], contact.lane, sum);
-            }
+            batch.touched[contact.lane] |= force != Vector3::zeros();
         }
         for i in N_FIXED..n {
             for c in 0..3 {
@@ -262,6 +251,9 @@ fn step_batch(batch: &mut ContactBatch, slot: &mut Slot, input: &ResidualInput) 
 
 /// Substeps such that no strand of the batch near a solid moves more than a part of its half-thickness in one.
 fn substeps(batch: &ContactBatch, input: &ResidualInput) -> usize {
+    if !batch.near[..batch.strands.len()].contains(&true) {
+        return 1;
+    }
     let mut moved: f64 = 0.0;
     for (a, b) in batch.before.iter().zip(&batch.after) {
         for l in 0..batch.strands.len() {
@@ -294,7 +286,7 @@ fn find(
     let n = batch.before.len();
     let world_from_solid = moving.pose.at(alpha);
     let (position, contacts) = (&slot.position, &mut slot.contacts);
-    for lane in 0..batch.strands.len() {
+    for lane in (0..batch.strands.len()).filter(|&lane| batch.near[lane]) {
         let at = |i: usize| get(&position[i], lane);
         let clear = near_points(first[lane]..n, at, moving, &world_from_solid, input.contact, |near| {
             let ends = [near.segment, near.segment + 1];
@@ -323,6 +315,32 @@ fn find(
             batch.clearance[lane] = batch.clearance[lane].min(clear);
         }
     }
+}
+
+/// Penalty forces (dyn) on a strand that is not corrected, from how deep it lies in the solids at the end of the step;
+/// returns whether there are any. `forces` has one entry per particle and is overwritten.
+/// Implements AS16 §5.1 along segments, the force shared by a segment's ends.
+pub(crate) fn penalty_forces(
+    positions: &[[f32; 3]],
+    solids: &[MovingSolid],
+    stiffness: f64,
+    params: &ContactParams,
+    forces: &mut [Vector3<f64>],
+) -> bool {
+    forces.fill(Vector3::zeros());
+    let mut any = false;
+    for moving in solids {
+        let at = |i: usize| Vector3::from(positions[i]).cast::<f64>();
+        near_points(N_FIXED - 1..positions.len(), at, moving, &moving.pose.to, params, |near| {
+            if near.gap < 0.0 {
+                let force = near.normal * (-stiffness * near.gap);
+                forces[near.segment] += force * (1.0 - near.s);
+                forces[near.segment + 1] += force * near.s;
+                any = true;
+            }
+        });
+    }
+    any
 }
 
 /// One implicit solve for the velocities of the offsets.

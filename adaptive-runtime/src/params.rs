@@ -27,9 +27,9 @@ pub struct AssignParams {
 pub struct TwoWayParams {
     /// Whether normal hairs push back on their guides.
     pub enabled: bool,
-    /// Factor on the contact forces. A hair's displacement is shared between its guides and its own residual; the larger
-    /// the factor, the more the guides take.
-    pub gain: f64,
+    /// Penalty stiffness on normal hairs as a multiple of a particle's m/dt². The force acts one step late and explicitly,
+    /// so from about one on guides oscillate.
+    pub stiffness_over_inertia: f64,
     /// Weight of a row of AS16 Eq. (4) whose hair is out of contact; one is the letter, which dilutes the forces by the
     /// share of hairs in contact.
     pub idle_row_weight: f64,
@@ -89,11 +89,11 @@ impl RuntimeParams {
             },
             two_way: TwoWayParams {
                 enabled: true,
-                gain: 2.0,
+                stiffness_over_inertia: 0.3,
                 idle_row_weight: 0.05,
                 ridge: 1e-3,
                 memory: 0.5,
-                max_acceleration: 2e4,
+                max_acceleration: 5e3,
             },
             residual: ResidualParams {
                 contact: true,
@@ -130,7 +130,6 @@ impl RuntimeParams {
         let mut params = Self::adaptive();
         params.assign.cost_tolerance_cm = 0.0;
         params.assign.growth_tolerance_cm = -1.0;
-        params.two_way.gain = 1.0;
         params.two_way.idle_row_weight = 1.0;
         params.two_way.memory = 0.0;
         params.residual.contact = false;
@@ -154,6 +153,7 @@ impl RuntimeParams {
         }
         for (name, value) in [
             ("residual.motion_per_substep", self.residual.motion_per_substep),
+            ("two_way.stiffness_over_inertia", self.two_way.stiffness_over_inertia),
             ("gap_resolution", f64::from(self.gap_resolution)),
             ("two_way.ridge", self.two_way.ridge),
         ] {

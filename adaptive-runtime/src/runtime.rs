@@ -24,6 +24,8 @@ pub(crate) struct Strand {
     pub has_offset: bool,
     /// Whether the strand is to be corrected in this step.
     pub listed: bool,
+    /// Whether it may meet a solid in this step.
+    pub near: bool,
     /// Lower bound of the distance to any solid but the head, cm; negative until measured.
     pub clearance: f32,
 }
@@ -102,7 +104,7 @@ impl Runtime {
             .map(|s| {
                 let set = best_set(&model, s);
                 let active_set = decode(&model, s, set);
-                Strand { set, active_set, has_offset: false, listed: false, clearance: -1.0 }
+                Strand { set, active_set, has_offset: false, listed: false, near: false, clearance: -1.0 }
             })
             .collect();
         let mut rest = Vec::with_capacity(n_strands * 3 * pad);

@@ -2,14 +2,17 @@
 
 use crate::assign::{choose, decode};
 use crate::graph::EdgeRule;
-use crate::hair_contact::{LaneInput, N_FIXED, ResidualInput, get};
+use crate::hair_contact::{LaneInput, N_FIXED, ResidualInput, get, penalty_forces};
+use crate::params::TwoWayParams;
 use crate::interpolate::interpolate;
 use crate::runtime::{Runtime, Strand, Worker, to_world};
 use crate::timings::{StageTimings, timed};
 use crate::two_way::ContactRow;
 use collision::{MovingSolid, SolidPose};
+use io_formats::skinning_model::SkinningModel;
 use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
+use strand_sim::Material;
 use strand_sim::lanes::Lane3;
 
 /// What drives a step.
@@ -182,7 +185,11 @@ impl Runtime {
         let gravity = self.params.guides.gravity.norm();
         self.spare_rows.append(&mut self.contact_rows);
         self.hair_contact.begin();
-        for (s, strand) in self.strands.iter().enumerate().filter(|(_, strand)| strand.listed) {
+        // Strands near a solid first: a batch without any of them takes a single substep.
+        let listed = |near: bool| {
+            self.strands.iter().enumerate().filter(move |(_, strand)| strand.listed && strand.near == near)
+        };
+        for (s, strand) in listed(true).chain(listed(false)) {
             let of = s * n;
             let world = |p: [f32; 3]| -> Vector3<f64> { Vector3::from(p).cast() };
             // The offset was kept in the head frame; the step starts at the head's old pose.
@@ -193,9 +200,9 @@ impl Runtime {
                 skin_after: &|i| world(self.positions[of + i]),
                 offset: &|i| (offset(i), before_from_head * world(self.offset_velocity[of + i])),
                 rest: self.model.rest_of(s),
+                near: strand.near,
             };
             self.hair_contact.push(n, &lane, &self.material, gravity);
-            debug_assert!(strand.listed);
         }
         self.hair_contact.solve(&ResidualInput {
             dt: input.dt,
@@ -204,10 +211,24 @@ impl Runtime {
             params: &self.params.residual,
             contact: &self.params.guides.contact,
         });
+        if !self.params.residual.contact && self.params.two_way.enabled {
+            for (s, _) in self.strands.iter().enumerate().filter(|(_, strand)| strand.near) {
+                let mut row = take_row(&mut self.spare_rows, s as u32, n);
+                let positions = &self.positions[s * n..(s + 1) * n];
+                let stiffness = penalty_stiffness(&self.model, &self.material, &self.params.two_way, s, input.dt);
+                if penalty_forces(positions, moving, stiffness, &self.params.guides.contact, &mut row.forces) {
+                    report.strands_in_contact += 1;
+                    self.contact_rows.push(row);
+                } else {
+                    self.spare_rows.push(row);
+                }
+            }
+        }
         let head_from_world = after_from_head.inverse();
         for batch in self.hair_contact.batches() {
             report.corrected_strands += batch.strands.len() as u32;
             for (lane, &s) in batch.strands.iter().enumerate() {
+                let stiffness = penalty_stiffness(&self.model, &self.material, &self.params.two_way, s as usize, input.dt);
                 let strand = &mut self.strands[s as usize];
                 let of = s as usize * n;
                 if !lane_is_finite(&batch.offset, lane) || !lane_is_finite(&batch.velocity, lane) {
@@ -226,7 +247,9 @@ impl Runtime {
                     self.offset[of + i] = (head_from_world * d).cast::<f32>().into();
                     self.offset_velocity[of + i] = (head_from_world * v).cast::<f32>().into();
                 }
-                strand.clearance = batch.clearance[lane] as f32;
+                if strand.near && self.params.residual.contact {
+                    strand.clearance = batch.clearance[lane] as f32;
+                }
                 if largest.sqrt() < self.params.residual.rest_cm && !batch.touched[lane] {
                     // What is dropped here is below what a position can show.
                     clear(strand, &mut self.offset[of..of + n], &mut self.offset_velocity[of..of + n]);
@@ -235,11 +258,10 @@ impl Runtime {
                 }
                 if batch.touched[lane] {
                     report.strands_in_contact += 1;
-                    let mut row =
-                        self.spare_rows.pop().unwrap_or_else(|| ContactRow { strand: s, forces: vec![Vector3::zeros(); n] });
-                    row.strand = s;
+                    let mut row = take_row(&mut self.spare_rows, s, n);
+                    // What contact holds the hair away from its guides by, as a spring would pull the guides after it.
                     for i in 0..n {
-                        row.forces[i] = get(&batch.force[i], lane);
+                        row.forces[i] = get(&batch.offset[i], lane) * stiffness;
                     }
                     self.contact_rows.push(row);
                 }
@@ -252,14 +274,8 @@ impl Runtime {
         if !self.params.two_way.enabled {
             return 0;
         }
-        let n = self.n_particles();
-        let density = self.material.linear_density_g_per_cm;
-        let model = &self.model;
-        let mass = |guide: usize| {
-            let rest = model.rest_of(model.guide_strands[guide] as usize);
-            let length: f32 = rest.windows(2).map(|w| (Vector3::from(w[1]) - Vector3::from(w[0])).norm()).sum();
-            density * f64::from(length) / (n - 1) as f64
-        };
+        let (model, material) = (&self.model, &self.material);
+        let mass = |guide: usize| particle_mass(model, material, model.guide_strands[guide] as usize);
         let strands = &self.strands;
         self.two_way.update(
             strands.len(),
@@ -269,6 +285,25 @@ impl Runtime {
             &self.params.two_way,
         )
     }
+}
+
+/// Mass of one particle of a strand, g.
+fn particle_mass(model: &SkinningModel, material: &Material, strand: usize) -> f64 {
+    let rest = model.rest_of(strand);
+    let length: f32 = rest.windows(2).map(|w| (Vector3::from(w[1]) - Vector3::from(w[0])).norm()).sum();
+    material.linear_density_g_per_cm * f64::from(length) / (rest.len() - 1) as f64
+}
+
+/// Penalty stiffness on a normal hair, dyn/cm.
+fn penalty_stiffness(model: &SkinningModel, material: &Material, params: &TwoWayParams, strand: usize, dt: f64) -> f64 {
+    params.stiffness_over_inertia * particle_mass(model, material, strand) / (dt * dt)
+}
+
+/// A row from the spare ones, or a new one.
+fn take_row(spare: &mut Vec<ContactRow>, strand: u32, n: usize) -> ContactRow {
+    let mut row = spare.pop().unwrap_or_else(|| ContactRow { strand, forces: vec![Vector3::zeros(); n] });
+    row.strand = strand;
+    row
 }
 
 fn clear(strand: &mut Strand, offset: &mut [[f32; 3]], velocity: &mut [[f32; 3]]) {
@@ -283,7 +318,7 @@ fn lane_is_finite(values: &[Lane3], lane: usize) -> bool {
 
 /// What the pass over strands reads.
 struct Pass<'a> {
-    model: &'a io_formats::skinning_model::SkinningModel,
+    model: &'a SkinningModel,
     params: &'a crate::params::RuntimeParams,
     graph: &'a crate::graph::GuideGraph,
     clusters: &'a crate::clusters::Clusters,
@@ -353,16 +388,19 @@ impl Pass<'_> {
             moved = moved.max((p[0] - q[0]).powi(2) + (p[1] - q[1]).powi(2) + (p[2] - q[2]).powi(2));
             positions[i] = p;
         }
-        strand.listed = strand.has_offset;
-        if self.params.residual.contact && !strand.listed {
-            // A distance changes by no more than strand and solid have moved since it was measured.
+        strand.near = false;
+        if self.params.residual.contact || self.params.two_way.enabled {
+            // A distance changes by no more than strand and solid have moved since it was measured. The offset moves at
+            // most as far as it is long, and is measured anew while it is there.
             strand.clearance -= moved.sqrt() + self.moved_by_solids;
-            let reach = self.params.guides.contact.reach() as f32;
+            let carried = offset.iter().map(|d| d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).fold(0.0, f32::max).sqrt();
+            let reach = self.params.guides.contact.reach() as f32 + carried;
             if strand.clearance < reach {
                 strand.clearance = self.measure_clearance(positions);
-                strand.listed = strand.clearance < reach;
+                strand.near = strand.clearance < reach;
             }
         }
+        strand.listed = strand.has_offset || (strand.near && self.params.residual.contact);
     }
 
     /// Lower bound of a strand's distance to any solid at the end of the step, cm.

@@ -76,7 +76,7 @@ impl TwoWay {
             system.build(n_involved, place, rows, u, &set_of, |c| contacts[c as usize].forces[i], params);
             system.solve(n_involved);
         });
-        let kept = (1.0 - params.memory) * params.gain;
+        let kept = 1.0 - params.memory;
         for (local, &guide) in self.involved.iter().enumerate() {
             let limit = params.max_acceleration * particle_mass(usize::from(guide));
             for (i, system) in self.systems.iter().enumerate() {
@@ -231,7 +231,7 @@ mod tests {
     fn letter() -> TwoWayParams {
         TwoWayParams {
             enabled: true,
-            gain: 1.0,
+            stiffness_over_inertia: 1.0,
             idle_row_weight: 1.0,
             ridge: 1e-12,
             memory: 0.0,

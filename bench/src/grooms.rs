@@ -239,14 +239,15 @@ fn grow(params: &GroomParams, strand: u64, root: Vector3<f32>, out: &mut [[f32; 
     }
 }
 
-/// Direction in which hair at `p` from `root` is combed; not of unit length. Back from the forehead and over the crown,
-/// away from the face at the temples, down everywhere else.
+/// Direction in which hair at `p` from `root` is combed; not of unit length. To both sides of a centre parting and a little
+/// back over the head, away from the face at the temples, down everywhere else.
 fn combed(p: Vector3<f32>, root: Vector3<f32>) -> Vector3<f32> {
     let over_head = smooth_step(-6.0, 4.0, p.y);
     let front = smooth_step(-7.0, 5.0, p.z);
-    let back = over_head * (0.2 + 1.5 * front);
-    // Hair parts to the side it grows on, more so towards the back.
-    let side = 0.10 * root.x * smooth_step(0.0, 6.0, p.y);
+    let back = over_head * (0.2 + 0.6 * front);
+    // A centre parting: hair falls to the side it grows on. Combed straight back over the head it would lie in unstable
+    // balance and slide off at the first movement, having no neighbours to lean on.
+    let side = 1.2 * (root.x / 1.2).clamp(-1.0, 1.0) * smooth_step(0.0, 7.0, p.y);
     // What reaches the shoulders falls behind them rather than along them.
     let behind = 0.06 + 0.75 * (1.0 - smooth_step(-19.0, -13.0, p.y)) * smooth_step(-9.0, -2.0, p.z);
     Vector3::new(side, -1.0, -back - behind)
