@@ -40,14 +40,18 @@ pub struct TrainParams {
 }
 
 impl TrainParams {
-    /// The paper's constants (β = 0.15, ε = 0.01, σ = 5) with a calibrated δ, at most nine eligible guides.
+    /// The paper's ε = 0.01 and σ = 5, a calibrated δ, six to nine eligible guides, and β = 0.015.
+    /// The paper's β = 0.15 belongs to a scale of signals it does not state. On simulated frames of 5000 strands with 120
+    /// guides ours left errors of 0.47, 0.42, 0.47, 0.49 cm at 0.15, 0.015, 0.0015, 0.00015. Four in five strands then have
+    /// fewer than five eligible guides, and a runtime few sets to choose from: the nearest fill them up to six, which
+    /// gives 46 kept sets on average (nine give 207, at a hundredth less error).
     #[must_use]
     pub fn standard(n_guides: usize) -> Self {
         Self {
             n_guides,
             max_eligible: MAX_ELIGIBLE,
-            min_eligible: 3,
-            sparsity: 0.15,
+            min_eligible: 6,
+            sparsity: 0.015,
             min_weight: 0.01,
             rank: 96,
             oversample: 16,

@@ -13,6 +13,9 @@ use crate::poly_fit::{PolyFit, Quadratic, weights_at};
 use crate::stand_ins::stand_ins;
 use crate::subset_weights::{Square, SubsetWeights, ridge};
 
+/// Particles that every guide alone puts this near (cm, RMS) do not tell guides apart.
+const QUIET_CM: f64 = 1e-3;
+
 /// The kept sets of one strand, as the model file wants them.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct StrandSets {
@@ -106,6 +109,8 @@ pub fn strand_sets(
 }
 
 /// Solves all subsets at all particles, summing the fits of each and keeping the free weights of the full set.
+/// A particle that says nothing, as the fixed root, takes the weights of its neighbour towards the tip: even weights there
+/// would lift every guide above the least weight at the root, and no set would ever be discarded.
 fn solve_all(gram: &StrandGram, n_frames: usize, fit: &PolyFit, ws: &mut SubsetsWorkspace) {
     let (k, n) = (gram.n_guides, gram.n_particles);
     let n_masks = 1_usize << k;
@@ -113,7 +118,8 @@ fn solve_all(gram: &StrandGram, n_frames: usize, fit: &PolyFit, ws: &mut Subsets
     ws.fits.resize(n_masks, [[0.0; 3]; MAX_ELIGIBLE]);
     ws.free.clear();
     ws.free.resize(k * n, 0.0);
-    for i in 0..n {
+    let quiet = (k * n_frames) as f64 * QUIET_CM * QUIET_CM;
+    for i in (0..n).rev() {
         let mut h: Square = [[0.0; MAX_ELIGIBLE]; MAX_ELIGIBLE];
         for a in 0..k {
             for b in a..k {
@@ -121,7 +127,10 @@ fn solve_all(gram: &StrandGram, n_frames: usize, fit: &PolyFit, ws: &mut Subsets
                 h[b][a] = h[a][b];
             }
         }
-        ws.walk.solve(&h, k, ridge(&h, k, n_frames));
+        let trace: f64 = (0..k).map(|g| h[g][g]).sum();
+        if trace > quiet || i + 1 == n {
+            ws.walk.solve(&h, k, ridge(&h, k, n_frames));
+        }
         let share = fit.quadratic[i];
         for mask in 1..n_masks {
             let weights = ws.walk.of(mask as u16);
@@ -173,18 +182,15 @@ fn squared_error(gram: &StrandGram, mask: usize, weights: &[f64], sums: &mut Vec
     let (k, n) = (gram.n_guides, gram.n_particles);
     sums.clear();
     sums.resize(n, 0.0);
-    let mut row = 0;
-    for a in (0..k).filter(|a| mask >> a & 1 == 1) {
-        let mut column = row;
-        for b in (a..k).filter(|b| mask >> b & 1 == 1) {
+    let in_set = |g: &usize| mask >> g & 1 == 1;
+    for (row, a) in (0..k).filter(in_set).enumerate() {
+        for (column, b) in (row..).zip((a..k).filter(in_set)) {
             let at = pair_index(k, a, b) * n;
             // Off the diagonal each pair stands for two entries.
             let times = if a == b { 1.0 } else { 2.0 };
             let (wa, wb) = (&weights[row * n..(row + 1) * n], &weights[column * n..(column + 1) * n]);
             add_terms(sums, times, &gram.values[at..at + n], wa, wb);
-            column += 1;
         }
-        row += 1;
     }
     // Round-off may leave a set without error slightly below zero.
     sums.iter().sum::<f64>().max(0.0)
@@ -338,6 +344,18 @@ mod tests {
         assert!(!sets.masks.contains(&0b111), "guide 1 adds nothing to guides 0 and 2");
         let index_of_pair = sets.masks.iter().position(|&m| m == 0b101).expect("checked above");
         assert_eq!(usize::from(sets.stand_in[0b111 - 1]), index_of_pair, "guides 0 and 2 stand in for all three");
+    }
+
+    #[test]
+    fn a_root_that_never_moves_keeps_no_idle_guide() {
+        let mut gram = StrandGram::zeros(2, N);
+        // Guide 1 errs five times as far as guide 0, the same way, at all particles but the root.
+        for (pair, h) in [1.0, 5.0, 25.0].into_iter().enumerate() {
+            gram.values[pair * N + 1..(pair + 1) * N].fill(h);
+        }
+        let sets = sets_of(&gram, 0.01);
+        assert_eq!(sets.masks, [0b01, 0b10]);
+        assert_eq!(sets.stand_in, [0, 1, 0], "guide 0 stands in for both");
     }
 
     #[test]

@@ -3,13 +3,13 @@
 //! Minimises |u - D a|² + penalty |a|₁ (no ½, as printed), optionally over a ≥ 0. Neighbouring hairs move alike, so atoms
 //! are strongly correlated and plain coordinate descent crawls. Here the coordinate that violates optimality most joins
 //! the active set, coordinate descent passes over that set find signs, and a Cholesky solve jumps to the minimiser of
-//! the present signs, as far as they hold. Every move lowers the objective; the result does not depend on threads.
+//! the present signs, as far as they hold; atoms that depend on others give way. No move raises the objective.
 
 /// How often a coordinate may join before the solve stops early, per atom.
 const JOINS_PER_ATOM: usize = 4;
 /// Relaxation rounds of one active set.
 const ROUNDS: usize = 50;
-/// Pivots below this share of their diagonal entry count as dependent atoms, which only coordinate descent can treat.
+/// Pivots below this share of their diagonal entry count as dependent atoms.
 const DEPENDENT: f64 = 1e-11;
 
 /// How a solve ended.
@@ -145,8 +145,8 @@ impl Lasso<'_> {
         moved
     }
 
-    /// Moves the active codes to the minimiser of their signs, or until the first of them reaches zero. True when it was
-    /// reached; false also when the active atoms are dependent.
+    /// Moves the active codes to the minimiser of their signs, or until the first of them reaches zero. True when the
+    /// minimiser was reached. Where the active atoms are dependent one of them gives way instead.
     fn jump(&self, correlations: &[f64], code: &mut [f64], ws: &mut LassoWorkspace) -> bool {
         let (n, m) = (self.n_atoms, ws.active.len());
         let half = 0.5 * self.penalty;
@@ -157,7 +157,8 @@ impl Lasso<'_> {
             debug_assert_eq!(ws.factor.len(), (row + 1) * m);
             ws.target.push(correlations[j] - half * code[j].signum());
         }
-        if !cholesky_solve(&mut ws.factor, &mut ws.target) {
+        if let Some(row) = cholesky_solve(&mut ws.factor, &mut ws.target) {
+            self.slide(code, ws, row);
             return false;
         }
         let mut step = 1.0;
@@ -182,10 +183,42 @@ impl Lasso<'_> {
             None => true,
         }
     }
+
+    /// The active atom at `row` is a sum of those before it. Trading it for them changes |a|₁ but not D a: done in the
+    /// direction that does not raise |a|₁, until a code reaches zero.
+    fn slide(&self, code: &mut [f64], ws: &mut LassoWorkspace, row: usize) {
+        let m = ws.active.len();
+        let trade = &mut ws.target;
+        trade.fill(0.0);
+        for r in (0..row).rev() {
+            let mut sum = ws.factor[row * m + r];
+            for t in r + 1..row {
+                sum += ws.factor[t * m + r] * trade[t];
+            }
+            trade[r] = -sum / ws.factor[r * m + r];
+        }
+        trade[row] = 1.0;
+        let slope: f64 = ws.active.iter().zip(trade.iter()).map(|(&j, v)| code[j].signum() * v).sum();
+        let direction = if slope > 0.0 { -1.0 } else { 1.0 };
+        let mut first = (f64::INFINITY, None);
+        for (&j, v) in ws.active.iter().zip(trade.iter()) {
+            let rate = direction * v * code[j].signum();
+            if rate < 0.0 && code[j].abs() / -rate < first.0 {
+                first = (code[j].abs() / -rate, Some(j));
+            }
+        }
+        if let (step, Some(blocking)) = first {
+            for (&j, v) in ws.active.iter().zip(trade.iter()) {
+                code[j] += step * direction * v;
+            }
+            code[blocking] = 0.0;
+        }
+    }
 }
 
-/// Solves the symmetric system `a x = b` in place (x in `b`); false when `a` is not safely positive definite.
-fn cholesky_solve(a: &mut [f64], b: &mut [f64]) -> bool {
+/// Solves the symmetric system `a x = b` in place (x in `b`). Otherwise returns the first row that depends on those before
+/// it; they are then factored, and that row holds its coordinates in the factor.
+fn cholesky_solve(a: &mut [f64], b: &mut [f64]) -> Option<usize> {
     let m = b.len();
     for r in 0..m {
         let diagonal = a[r * m + r];
@@ -199,7 +232,7 @@ fn cholesky_solve(a: &mut [f64], b: &mut [f64]) -> bool {
             } else if sum > DEPENDENT * diagonal {
                 a[r * m + r] = sum.sqrt();
             } else {
-                return false;
+                return Some(r);
             }
         }
         for t in 0..r {
@@ -213,7 +246,7 @@ fn cholesky_solve(a: &mut [f64], b: &mut [f64]) -> bool {
         }
         b[r] /= a[r * m + r];
     }
-    true
+    None
 }
 
 #[cfg(test)]

