@@ -191,7 +191,7 @@ impl PaperMap {
 fn first_sentence(words: &[&str]) -> String {
     const ABBREVIATIONS: [&str; 5] = ["Eq.", "Eqs.", "Fig.", "e.g.", "i.e."];
     let ends = |w: &&str| w.ends_with('.') && !ABBREVIATIONS.iter().any(|a| w.trim_start_matches('(') == *a);
-    let n = words.iter().position(|w| ends(w)).map_or(words.len(), |k| k + 1);
+    let n = words.iter().position(ends).map_or(words.len(), |k| k + 1);
     words[..n].join(" ").trim_end_matches('.').to_owned()
 }
 
@@ -205,8 +205,11 @@ fn item_name(line: &str) -> Option<String> {
     words.next().map(str::to_owned)
 }
 
+/// Paper, item and, of an algorithm, its lines if stated.
+type Reference = (String, Item, Option<(u32, u32)>);
+
 /// What a sentence refers to.
-fn references(sentence: &str) -> Vec<(String, Item, Option<(u32, u32)>)> {
+fn references(sentence: &str) -> Vec<Reference> {
     let mut out = Vec::new();
     let mut paper: Option<&str> = None;
     let words: Vec<&str> = sentence.split_whitespace().map(|w| w.trim_end_matches([',', ';', ':'])).collect();
