@@ -58,7 +58,9 @@ pub fn random_head_motion(seed: u64, sequence: u64, seconds: f64, params: &HeadM
             let (a, b) = (&course[next - 1], &course[next]);
             let s = ((time_s - a.0) / (b.0 - a.0).max(1e-9)).clamp(0.0, 1.0);
             let eased = s * s * (3.0 - 2.0 * s);
-            PoseKey { time_s, translation_cm: a.2.lerp(&b.2, eased), rotation: a.1.slerp(&b.1, eased) }
+            // Exactly the first pose at its time, not its round-off: hair at rest then stays put to the last bit.
+            let rotation = if eased > 0.0 { a.1.slerp(&b.1, eased) } else { a.1 };
+            PoseKey { time_s, translation_cm: a.2.lerp(&b.2, eased), rotation }
         })
         .collect();
     PoseMotion { keys }

@@ -71,18 +71,34 @@ pub fn comb(params: CombParams) -> Result<Solid, Error> {
     let tip_radius = 0.75 * tooth_radius_cm;
     let half_width = 0.5 * pitch_cm * (teeth - 1) as f32;
     let end = Vector3::x() * (half_width + spine_radius_cm);
-    let mut shapes = vec![Shape::capsule(-end, end, spine_radius_cm)];
-    shapes.extend((0..teeth).map(|n| {
-        let root = Vector3::x() * (pitch_cm * n as f32 - half_width);
-        Shape::Capsule {
-            a: root,
-            b: root - Vector3::z() * (tooth_length_cm - tip_radius),
-            radius_a: tooth_radius_cm,
-            radius_b: tip_radius,
-        }
-    }));
-    bake("comb", &ShapeUnion::sharp(shapes), tip_radius / CELLS_PER_RADIUS, tip_radius)
+    let spine = Shape::capsule(-end, end, spine_radius_cm);
+    let tooth = Shape::Capsule {
+        a: Vector3::zeros(),
+        b: Vector3::z() * -(tooth_length_cm - tip_radius),
+        radius_a: tooth_radius_cm,
+        radius_b: tip_radius,
+    };
+    // All teeth are alike and side by side, so the nearest is the one nearest along the spine: no need to ask them all.
+    let distance = |p: Vector3<f32>| {
+        let nearest = ((p.x + half_width) / pitch_cm).round().clamp(0.0, (teeth - 1) as f32);
+        let in_tooth = p - Vector3::x() * (pitch_cm * nearest - half_width);
+        spine.distance(p).min(tooth.distance(in_tooth))
+    };
+    let wide = half_width + 2.0 * spine_radius_cm + RIM_CM;
+    let thick = spine_radius_cm + RIM_CM;
+    let bounds = Bounds::new(
+        Vector3::new(-wide, -thick, -tooth_length_cm - RIM_CM),
+        Vector3::new(wide, thick, thick),
+    );
+    let sdf = bake_from_fn(bounds, tip_radius / COMB_CELLS_PER_RADIUS, distance)
+        .map_err(|source| Error::Bake { name: "comb".to_owned(), source })?;
+    Ok(Solid { name: "comb".to_owned(), sdf, half_thickness_cm: tip_radius, friction: DEFAULT_FRICTION })
 }
+
+/// Free space around a comb's grid, cm.
+const RIM_CM: f32 = 0.3;
+/// Grid cells across a tooth's radius: errs by a hundredth of a millimetre on a tooth of two, in half the memory of finer ones.
+const COMB_CELLS_PER_RADIUS: f32 = 3.0;
 
 /// Middle of the cranium in the head's frame, cm: directions over the scalp are taken from here.
 pub const CRANIUM_CENTER: [f32; 3] = [0.0, 1.0, -0.8];

@@ -50,14 +50,14 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 }
 
 fn convert_groom(args: &Args, unit: LengthUnit, out_unit: LengthUnit, axes: [[f32; 3]; 3]) -> anyhow::Result<()> {
-    let mut groom = read_groom(&args.input, unit).with_context(|| format!("reading {}", args.input.display()))?;
+    let mut groom = read_groom(&args.input, unit)?;
     let dropped = if args.drop_degenerate { groom.drop_degenerate() } else { 0 };
     groom.validate().with_context(|| format!("checking {}", args.input.display()))?;
     let mut groom = groom.transformed(1.0, axes, [0.0; 3]);
     if let Some(n) = args.resample {
         groom = groom.resample(n).context("--resample")?.to_groom();
     }
-    write_hair(&args.output, &groom, out_unit).with_context(|| format!("writing {}", args.output.display()))?;
+    write_hair(&args.output, &groom, out_unit)?;
     println!(
         "{}: {} strands, {} points, {dropped} strands dropped",
         args.output.display(),
@@ -68,10 +68,10 @@ fn convert_groom(args: &Args, unit: LengthUnit, out_unit: LengthUnit, axes: [[f3
 }
 
 fn convert_mesh(args: &Args, unit: LengthUnit, out_unit: LengthUnit, axes: [[f32; 3]; 3]) -> anyhow::Result<()> {
-    let mesh = read_mesh(&args.input, unit).with_context(|| format!("reading {}", args.input.display()))?;
+    let mesh = read_mesh(&args.input, unit)?;
     let scale = (1.0 / out_unit.cm_per_unit()) as f32;
     let mesh = mesh.transformed(scale, axes, [0.0; 3]);
-    write_obj(&args.output, &mesh).with_context(|| format!("writing {}", args.output.display()))?;
+    write_obj(&args.output, &mesh)?;
     println!(
         "{}: {} vertices, {} triangles, {}",
         args.output.display(),
@@ -101,10 +101,42 @@ fn extension(path: &Path) -> String {
 mod tests {
     use super::*;
 
+    fn args(input: &Path, output: &Path, unit: &str, out_unit: &str, negate: &str) -> Args {
+        Args {
+            input: input.to_path_buf(),
+            output: output.to_path_buf(),
+            unit: unit.to_owned(),
+            out_unit: out_unit.to_owned(),
+            negate: negate.to_owned(),
+            resample: None,
+            drop_degenerate: false,
+        }
+    }
+
     #[test]
     fn axes_are_named_once_each_in_any_order() {
         assert_eq!(axes("zx").unwrap(), [true, false, true]);
         assert_eq!(axes("").unwrap(), [false; 3]);
         assert!(axes("w").is_err());
+    }
+
+    #[test]
+    fn a_mesh_mirrored_and_rescaled_twice_is_itself_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        let text = "v 0 0 0\nv 2 0 0\nv 0 2 0\nv 0 0 4\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
+        std::fs::write(path("a.obj"), text).unwrap();
+        run(args(&path("a.obj"), &path("b.obj"), "cm", "mm", "z")).unwrap();
+        run(args(&path("b.obj"), &path("c.obj"), "mm", "cm", "z")).unwrap();
+        let mesh = |name: &str| read_mesh(&path(name), LengthUnit::Cm).unwrap();
+        assert_eq!(mesh("c.obj"), mesh("a.obj"));
+        assert_eq!(mesh("b.obj").vertices[3], [0.0, 0.0, -40.0]);
+        assert!(mesh("b.obj").is_closed());
+    }
+
+    #[test]
+    fn a_groom_does_not_become_a_mesh() {
+        let error = run(args(Path::new("a.tfx"), Path::new("b.obj"), "m", "cm", "")).unwrap_err();
+        assert!(error.to_string().contains("cannot turn .tfx into .obj"), "{error}");
     }
 }

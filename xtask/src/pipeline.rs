@@ -22,10 +22,6 @@ use xxhash_rust::xxh3::xxh3_64;
 /// Raised whenever a change makes stage outputs of equal inputs differ.
 const PIPELINE_VERSION: u64 = 1;
 
-/// Least number of eligible guides: sparse codes of smooth motion are so sparse that most hairs would have but three, and
-/// little choice when a solid separates them (docs/DEVIATIONS.md).
-const MIN_ELIGIBLE: usize = 7;
-
 /// Scenes that come with the program, by name.
 const BUILT_IN: [(&str, &str); 1] = [("salon", include_str!("../../bench/scenes/salon.toml"))];
 
@@ -135,7 +131,7 @@ pub fn prepare(scene: Scene, out: &Path, bars: &Bars) -> Result<Prepared> {
     );
     let mut train_params = TrainParams::standard(scene.groom.guides.min(world.groom.n_strands));
     train_params.max_eligible = scene.groom.max_eligible;
-    train_params.min_eligible = MIN_ELIGIBLE.min(scene.groom.max_eligible);
+    train_params.min_eligible = train_params.min_eligible.min(scene.groom.max_eligible);
     train_params.sparsity = scene.train.sparsity;
     train_params.min_weight = scene.train.min_weight;
     train_params.seed = scene.train.seed;

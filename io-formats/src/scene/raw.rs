@@ -68,7 +68,7 @@ impl Default for TrainSpec {
             seconds_per_sequence: 4.0,
             fps: 25.0,
             seed: 7,
-            sparsity: 0.15,
+            sparsity: 0.015,
             min_weight: 0.01,
             held_out_seconds: 4.0,
         }
