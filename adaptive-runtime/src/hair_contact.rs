@@ -53,6 +53,8 @@ pub(crate) struct ContactBatch {
     after: Vec<Lane3>,
     pub offset: Vec<Lane3>,
     pub velocity: Vec<Lane3>,
+    /// How far contact holds each strand away from its guides, along the contacts' normals at the end of the step, cm.
+    pub held: Vec<Lane3>,
     mass: Vec<Lane>,
     /// Rest length per segment, cm.
     rest_length: Vec<Lane>,
@@ -105,6 +107,7 @@ impl ContactBatch {
             after: lanes3(),
             offset: lanes3(),
             velocity: lanes3(),
+            held: lanes3(),
             mass: vec![ZERO; n],
             rest_length: vec![ZERO; n - 1],
             string: vec![ZERO; n - 1],
@@ -210,6 +213,7 @@ impl HairContact {
 fn step_batch(batch: &mut ContactBatch, slot: &mut Slot, input: &ResidualInput) {
     let n = batch.before.len();
     batch.touched = [false; LANES];
+    batch.held.fill([ZERO; 3]);
     batch.clearance = [f64::INFINITY; LANES];
     let n_substeps = substeps(batch, input);
     let h = input.dt / n_substeps as f64;
@@ -237,7 +241,20 @@ fn step_batch(batch: &mut ContactBatch, slot: &mut Slot, input: &ResidualInput) 
         assemble_and_solve(batch, h, input, slot);
         for contact in &slot.contacts {
             let force = contact.apply_friction(N_FIXED, h, &batch.mass, &mut batch.velocity);
-            batch.touched[contact.lane] |= force != Vector3::zeros();
+            if force == Vector3::zeros() {
+                continue;
+            }
+            batch.touched[contact.lane] = true;
+            if sub + 1 == n_substeps {
+                let [a, b] = contact.ends;
+                let offset = get(&batch.offset[a], contact.lane) * contact.weight[0]
+                    + get(&batch.offset[b], contact.lane) * contact.weight[1];
+                let held = contact.normal * contact.normal.dot(&offset).max(0.0);
+                for (p, w) in contact.ends.into_iter().zip(contact.weight) {
+                    let sum = get(&batch.held[p], contact.lane) + held * w;
+                    set(&mut batch.held[p], contact.lane, sum);
+                }
+            }
         }
         for i in N_FIXED..n {
             for c in 0..3 {

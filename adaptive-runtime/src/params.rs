@@ -92,8 +92,8 @@ impl RuntimeParams {
                 stiffness_over_inertia: 0.3,
                 idle_row_weight: 0.05,
                 ridge: 1e-3,
-                memory: 0.5,
-                max_acceleration: 5e3,
+                memory: 0.8,
+                max_acceleration: 2e3,
             },
             residual: ResidualParams {
                 contact: true,

@@ -259,9 +259,9 @@ impl Runtime {
                 if batch.touched[lane] {
                     report.strands_in_contact += 1;
                     let mut row = take_row(&mut self.spare_rows, s, n);
-                    // What contact holds the hair away from its guides by, as a spring would pull the guides after it.
+                    // The penalty that the uncorrected hair would meet, from how far contact holds it off its guides.
                     for i in 0..n {
-                        row.forces[i] = get(&batch.offset[i], lane) * stiffness;
+                        row.forces[i] = get(&batch.held[i], lane) * stiffness;
                     }
                     self.contact_rows.push(row);
                 }
