@@ -32,7 +32,7 @@ pub fn run(root: &Path) -> anyhow::Result<()> {
     step("clippy", &|| {
         cargo(root, &["clippy", "--release", "--workspace", "--all-targets", "--", "-D", "warnings"], &[])
     });
-    step("test", &|| cargo(root, &["test", "--release", "--workspace"], &[]));
+    step("test", &|| cargo(root, &["test", "--release", "--workspace", "--no-fail-fast"], &[]));
     // The same profile as clippy: both need only the metadata of dependencies, which is then built once.
     step("doc", &|| cargo(root, &["doc", "--release", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "-D warnings")]));
     step("deny", &|| deny(root));
