@@ -4,7 +4,7 @@ use crate::error::Error;
 use crate::graph::GuideMotion;
 use crate::interpolate::TransformArrays;
 use collision::MovingSolid;
-use io_formats::guide_transform::{DisplacementTransform, guide_transforms};
+use io_formats::guide_transform::{Blend, DisplacementTransform, guide_transforms};
 use io_formats::skinning_model::{MaterialRecord, SkinningModel};
 use nalgebra::{Isometry3, Point3, Vector3};
 use strand_sim::{Material, StepInput, StepParams, StepReport, StepWorkspace, StrandState, StrandSystem};
@@ -44,6 +44,7 @@ pub fn record_of(material: &Material) -> MaterialRecord {
 #[derive(Debug)]
 pub(crate) struct Guides {
     n_particles: usize,
+    blend: Blend,
     system: StrandSystem,
     state: StrandState,
     workspace: StepWorkspace,
@@ -70,6 +71,7 @@ impl Guides {
         let n_guides = model.n_guides();
         Ok(Self {
             n_particles: n,
+            blend: model.blend,
             system,
             state,
             workspace: StepWorkspace::default(),
@@ -103,7 +105,7 @@ impl Guides {
         let n = self.n_particles;
         for guide in 0..self.rest.len() / n {
             let of = guide * n..(guide + 1) * n;
-            guide_transforms(&self.rest[of.clone()], &self.position_in_head[of], &mut self.transforms);
+            guide_transforms(&self.rest[of.clone()], &self.position_in_head[of], self.blend, &mut self.transforms);
             self.arrays.set_guide(guide, &self.transforms);
         }
     }

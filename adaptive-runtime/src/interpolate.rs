@@ -145,7 +145,7 @@ pub(crate) fn interpolate_plainly(rest: [f32; 3], u: f32, set: &ActiveSet, trans
 #[cfg(test)]
 mod tests {
     use super::*;
-    use io_formats::guide_transform::guide_transforms;
+    use io_formats::guide_transform::{Blend, guide_transforms};
 
     /// Single-precision rounding over coordinates of some tens of centimetres.
     const ROUND_OFF_CM: f32 = 2e-5;
@@ -159,7 +159,8 @@ mod tests {
         let mut plain = Vec::new();
         for g in 0..3 {
             let mut transforms = vec![DisplacementTransform::default(); 25];
-            guide_transforms(&strand(g as f32, 0.0), &strand(g as f32, bend * (1.0 + g as f32)), &mut transforms);
+            let bent = strand(g as f32, bend * (1.0 + g as f32));
+            guide_transforms(&strand(g as f32, 0.0), &bent, Blend::Rigid, &mut transforms);
             arrays.set_guide(g, &transforms);
             plain.push(transforms);
         }

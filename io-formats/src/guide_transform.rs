@@ -1,13 +1,23 @@
 //! The skinning transform both sides of the model file agree on: B_g(i) of AS16 Eq. (5), from positions alone.
 //!
-//! AS16 asks only that B_g(i) take particle i of guide g from its rest state to its current one. Here it is a rigid
-//! transform: a rotation carried from the root to the tip without twist, so that neighbouring particles turn a hair the
-//! same way, and the translation that puts the guide's own particle where it is. Kept as what it adds to the rest
-//! position, it is exactly zero for a guide at rest. Weights are trained for this transform; a runtime that used another
+//! AS16 asks only that B_g(i) take particle i of guide g from its rest state to its current one. Two readings are kept. One
+//! translates. The other is rigid: a rotation carried from the root to the tip without twist, so that neighbouring particles
+//! turn a hair the same way, and the translation that puts the guide's own particle where it is. Kept as what it adds to
+//! the rest position, either is exactly zero for a guide at rest. Weights are trained for this transform; a runtime that used another
 //! one would blend something the weights were not made for, hence one home for both.
 
 /// Squared length of the sum of two unit vectors below which they count as opposite.
 const OPPOSITE: f64 = 1e-12;
+
+/// How a guide moves the hairs that depend on it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub enum Blend {
+    /// Each particle only moves what is near it. Measured the better of the two (docs/DEVIATIONS.md): a guide that turns
+    /// its neighbours about itself draws apart hairs whose roots stay side by side.
+    Translation,
+    /// Each particle turns and moves what is near it.
+    Rigid,
+}
 
 type Matrix = [[f64; 3]; 3];
 
@@ -34,20 +44,21 @@ impl DisplacementTransform {
 }
 
 /// Transforms of all particles of one guide, from its `rest` and `current` particles (cm, head frame, root first) to `out`.
-/// Home of the B_g(i) of AS16 Eq. (5): rotation i takes the rest direction of segment i (at the tip, of the last segment)
+/// Home of the B_g(i) of AS16 Eq. (5). If rigid, rotation i takes the rest direction of segment i (at the tip, of the last segment)
 /// to its current one, by the least turn after rotation i - 1; at the root, by the least turn.
 /// The root's turn about its own direction is thus lost: roots are held by the scalp, whose turn the head frame carries.
 /// Where a segment has no length, at rest or now, the rotation before it is kept. Computed in `f64`.
 ///
 /// # Panics
 /// If the three slices differ in length.
-pub fn guide_transforms(rest: &[[f32; 3]], current: &[[f32; 3]], out: &mut [DisplacementTransform]) {
+pub fn guide_transforms(rest: &[[f32; 3]], current: &[[f32; 3]], blend: Blend, out: &mut [DisplacementTransform]) {
     let n = rest.len();
     assert!(current.len() == n && out.len() == n, "rest, current and out must have one entry per particle");
     // Rotation minus identity: small turns keep their precision, and no turn is exactly zero.
     let mut turn = [[0.0; 3]; 3];
     for i in 0..n {
-        if i + 1 < n
+        if blend == Blend::Rigid
+            && i + 1 < n
             && let (Some(a), Some(b)) = (direction(rest, i), direction(current, i))
         {
             let carried = add(a, times(&turn, a));
@@ -164,7 +175,7 @@ mod tests {
 
     fn transforms(rest: &[[f32; 3]], current: &[[f32; 3]]) -> Vec<DisplacementTransform> {
         let mut out = vec![DisplacementTransform::default(); rest.len()];
-        guide_transforms(rest, current, &mut out);
+        guide_transforms(rest, current, Blend::Rigid, &mut out);
         out
     }
 

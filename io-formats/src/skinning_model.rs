@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::envelope::{self, Kind};
 use crate::error::{Error, Result};
+use crate::guide_transform::Blend;
 
 /// Version of the model file.
 pub const VERSION: u32 = 1;
@@ -66,6 +67,8 @@ pub struct SkinningModel {
     pub max_distance: f32,
     /// An edge disappears above it; at least `max_distance`.
     pub release_distance: f32,
+    /// How guides move hairs: what the weights were trained for.
+    pub blend: Blend,
     /// Material of the guides.
     pub material: MaterialRecord,
 }

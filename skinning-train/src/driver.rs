@@ -6,6 +6,7 @@
 
 use std::time::Instant;
 
+use io_formats::guide_transform::Blend;
 use io_formats::{FrameSource, MaterialRecord, SkinningModel, UniformGroom};
 use rayon::prelude::*;
 use tracing::info_span;
@@ -20,7 +21,6 @@ use crate::params::{FitError, Progress, TrainParams, TrainReport};
 use crate::poly_fit::PolyFit;
 use crate::reduce::{Signals, reduce};
 use crate::subsets::{FullSetError, StrandSets, SubsetsWorkspace, strand_sets};
-use crate::transforms::BlendKind;
 
 /// Gram matrices held at a time.
 const GRAM_BYTES: usize = 512 << 20;
@@ -197,7 +197,7 @@ impl Run<'_> {
     ) -> Result<Vec<StrandSets>> {
         let n_frames = frames.n_frames();
         let grams = self.stage("gram", n_frames as u64, |tick| {
-            accumulate(frames, rest, guide_strands, eligible, block, BlendKind::Rigid, tick)
+            accumulate(frames, rest, guide_strands, eligible, block, params.blend, tick)
         })?;
         Ok(self.stage("subsets", block.len() as u64, |tick| {
             let mut solved = Vec::with_capacity(block.len());
@@ -221,33 +221,36 @@ impl Run<'_> {
         self.report.largest_rounding = sets.largest_rounding;
     }
 
-    /// Fit errors of turning and non-turning transforms, on strands spread evenly over those that are not guides.
+    /// Fit errors of the kind of transform trained for and of the other, on strands spread evenly over those that are not guides.
     fn compare_blends(
         &mut self,
         frames: &dyn FrameSource,
         rest: &UniformGroom,
         guide_strands: &[u32],
         eligible: &Eligible,
-        rigid: &[FullSetError],
+        trained: &[FullSetError],
         fit: &PolyFit,
         params: &TrainParams,
     ) -> Result<()> {
-        let normal: Vec<u32> = (0..rigid.len() as u32).filter(|s| guide_strands.binary_search(s).is_err()).collect();
+        let normal: Vec<u32> = (0..trained.len() as u32).filter(|s| guide_strands.binary_search(s).is_err()).collect();
         let n = params.n_compared.min(normal.len());
         if n == 0 {
             return Ok(());
         }
         let chosen: Vec<u32> = (0..n).map(|i| normal[i * normal.len() / n]).collect();
         let n_frames = frames.n_frames();
+        let other = match params.blend {
+            Blend::Translation => Blend::Rigid,
+            Blend::Rigid => Blend::Translation,
+        };
         let errors = self.stage("compare", n_frames as u64, |tick| -> Result<Vec<FullSetError>> {
-            let kind = BlendKind::TranslationOnly;
-            let grams = accumulate(frames, rest, guide_strands, eligible, &chosen, kind, tick)?;
+            let grams = accumulate(frames, rest, guide_strands, eligible, &chosen, other, tick)?;
             let solve = |ws: &mut SubsetsWorkspace, gram| strand_sets(gram, n_frames, fit, params.min_weight, ws).full;
             Ok(grams.par_iter().map_init(SubsetsWorkspace::default, solve).collect())
         })?;
         self.report.n_compared = n;
-        self.report.compared_rigid = fit_error(chosen.iter().map(|&s| &rigid[s as usize]), n);
-        self.report.compared_translation_only = fit_error(errors.iter(), n);
+        self.report.compared_chosen = fit_error(chosen.iter().map(|&s| &trained[s as usize]), n);
+        self.report.compared_other = fit_error(errors.iter(), n);
         Ok(())
     }
 }
@@ -348,6 +351,7 @@ fn assemble(
         velocity_weight: params.velocity_weight,
         max_distance: scales.max_distance,
         release_distance: scales.release_distance,
+        blend: params.blend,
         material: inputs.material,
     })
 }

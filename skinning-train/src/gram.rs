@@ -11,7 +11,8 @@ use rayon::prelude::*;
 
 use crate::eligible::Eligible;
 use crate::error::Result;
-use crate::transforms::{BlendKind, FrameTransforms, NUMBERS};
+use crate::transforms::{FrameTransforms, NUMBERS};
+use io_formats::guide_transform::Blend;
 
 /// Frames are held in memory up to this many bytes, so that a strand's matrices are visited once for several frames.
 const FRAME_BYTES: usize = 64 << 20;
@@ -75,7 +76,7 @@ pub fn accumulate(
     guide_strands: &[u32],
     eligible: &Eligible,
     strands: &[u32],
-    kind: BlendKind,
+    blend: Blend,
     on_frame: &mut dyn FnMut(u64),
 ) -> Result<Vec<StrandGram>> {
     let n = rest.n_particles;
@@ -89,7 +90,7 @@ pub fn accumulate(
         let n_now = at_once.min(frames.n_frames() - first);
         for at in 0..n_now {
             frames.read(first + at, &mut points[at])?;
-            transforms[at].fill(rest, guide_strands, &points[at], kind);
+            transforms[at].fill(rest, guide_strands, &points[at], blend);
         }
         let (points, transforms) = (&points[..n_now], &transforms[..n_now]);
         grams.par_iter_mut().zip(strands).for_each_init(Residuals::default, |residuals, (gram, &strand)| {
@@ -167,7 +168,7 @@ fn add_products(sums: &mut [f64], residuals: &[f64], n: usize) {
 
 #[cfg(test)]
 mod tests {
-    use io_formats::guide_transform::{DisplacementTransform, guide_transforms};
+    use io_formats::guide_transform::{Blend, DisplacementTransform, guide_transforms};
     use io_formats::{FrameInfo, MemoryFrames};
     use rand::{Rng, SeedableRng};
     use rand_pcg::Pcg64Mcg;
@@ -207,7 +208,7 @@ mod tests {
         let guides = [0_usize, 2, 3];
         let eligible = Eligible { start: vec![0, 1, 4, 5, 6], guides: vec![0, 0, 1, 2, 1, 2] };
         let grams =
-            accumulate(&frames, &rest, &guides.map(|g| g as u32), &eligible, &[1], BlendKind::Rigid, &mut |_| {})
+            accumulate(&frames, &rest, &guides.map(|g| g as u32), &eligible, &[1], Blend::Rigid, &mut |_| {})
                 .expect("the frames can be read");
         let mut expected = [[[0.0_f64; 3]; 3]; N];
         for points in &recorded {
@@ -215,7 +216,7 @@ mod tests {
                 .iter()
                 .map(|&g| {
                     let mut t = [DisplacementTransform::default(); N];
-                    guide_transforms(rest.strand(g), &points[g * N..(g + 1) * N], &mut t);
+                    guide_transforms(rest.strand(g), &points[g * N..(g + 1) * N], Blend::Rigid, &mut t);
                     (0..N)
                         .map(|i| {
                             let p = t[i].apply(rest.strand(1)[i]);

@@ -47,4 +47,3 @@ pub mod transforms;
 pub use driver::{TrainInputs, train};
 pub use error::{Error, Result};
 pub use params::{FitError, Progress, TrainParams, TrainReport};
-pub use transforms::BlendKind;

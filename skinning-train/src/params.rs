@@ -4,6 +4,7 @@
 
 use crate::error::{Error, Result};
 use crate::motion_scales::PAPER_VELOCITY_WEIGHT;
+use io_formats::guide_transform::Blend;
 use io_formats::skinning_model::MAX_ELIGIBLE;
 
 /// Parameters of [`crate::train`].
@@ -35,7 +36,9 @@ pub struct TrainParams {
     pub distance_percentile: f64,
     /// A guide pair parts at this multiple of δ.
     pub release_factor: f32,
-    /// Strands on which turning and non-turning blends are compared, spread evenly; 0 skips the comparison.
+    /// How guides move hairs.
+    pub blend: Blend,
+    /// Strands on which both kinds of blend are compared, spread evenly; 0 skips the comparison.
     pub n_compared: usize,
 }
 
@@ -61,6 +64,7 @@ impl TrainParams {
             velocity_weight: PAPER_VELOCITY_WEIGHT,
             distance_percentile: 99.5,
             release_factor: 1.3,
+            blend: Blend::Translation,
             n_compared: 500,
         }
     }
@@ -142,14 +146,14 @@ pub struct TrainReport {
     pub mean_eligible: f64,
     /// Mean number of kept sets of strands that are not guides.
     pub mean_kept_sets: f64,
-    /// Errors of all eligible guides together, transforms that turn.
+    /// Errors of all eligible guides together.
     pub fit: FitError,
     /// Number of strands in the comparison of blends.
     pub n_compared: usize,
-    /// Errors on the compared strands, transforms that turn.
-    pub compared_rigid: FitError,
-    /// Errors on the compared strands, transforms that only move.
-    pub compared_translation_only: FitError,
+    /// Errors on the compared strands with the blend trained for.
+    pub compared_chosen: FitError,
+    /// Errors on the compared strands with the other blend.
+    pub compared_other: FitError,
     /// Largest change of a weight of a kept set by rounding its coefficients to half precision.
     pub largest_rounding: f64,
     /// Guide pairs that can meet.

@@ -229,7 +229,7 @@ fn full_set_error(gram: &StrandGram, per_point: f64, fit: &PolyFit, ws: &mut Sub
 
 #[cfg(test)]
 mod tests {
-    use io_formats::guide_transform::{DisplacementTransform, guide_transforms};
+    use io_formats::guide_transform::{Blend, DisplacementTransform, guide_transforms};
     use io_formats::{FrameInfo, MemoryFrames, UniformGroom, WeightPoly};
     use rand::{Rng, SeedableRng};
     use rand_pcg::Pcg64Mcg;
@@ -237,7 +237,6 @@ mod tests {
     use super::*;
     use crate::eligible::Eligible;
     use crate::gram::accumulate;
-    use crate::transforms::BlendKind;
 
     const N: usize = 12;
     const N_FRAMES: usize = 40;
@@ -281,7 +280,7 @@ mod tests {
             let mut strand = vec![[0.0_f32; 3]; N];
             let mut t = [DisplacementTransform::default(); N];
             for (g, q) in planted.iter().enumerate() {
-                guide_transforms(&rest[g * N..(g + 1) * N], &points[g * N..(g + 1) * N], &mut t);
+                guide_transforms(&rest[g * N..(g + 1) * N], &points[g * N..(g + 1) * N], Blend::Rigid, &mut t);
                 for i in 0..N {
                     let p = t[i].apply(strand_rest[i]);
                     let w = q.at(i as f64 / (N - 1) as f64) as f32;
@@ -298,7 +297,7 @@ mod tests {
         start.push(2 * k as u32);
         let eligible = Eligible { start, guides: (0..k as u16).chain(0..k as u16).collect() };
         let strands = [k as u32];
-        accumulate(&frames, &rest, &guide_strands, &eligible, &strands, BlendKind::Rigid, &mut |_| {})
+        accumulate(&frames, &rest, &guide_strands, &eligible, &strands, Blend::Rigid, &mut |_| {})
             .expect("the frames can be read")
             .remove(0)
     }

@@ -1,27 +1,14 @@
-//! The guides' transforms of one recorded frame, as arrays over particles, in the two kinds compared in training.
+//! The guides' transforms of one recorded frame, as arrays over particles.
 //!
-//! The rigid kind is B_g(i, f) of AS16 Eq. (5) and (7), shared with the runtime
-//! ([`io_formats::guide_transform`]). The other moves without turning, as public re-implementations of Chai 2014 do; it
-//! exists to measure what turning is worth. A model is always trained for the rigid kind, the only one a runtime blends.
-//! On simulated head motion (5000 strands, 120 guides) turning left up to 5 % more error than not turning; on made-up
-//! motion with few guides that turn far, about three times as much: a guide turns its neighbours about itself, while
-//! hairs with roots of their own stay side by side.
+//! They are the B_g(i, f) of AS16 Eq. (5) and (7), shared with the runtime ([`io_formats::guide_transform`]), in the kind that
+//! the model is trained for; training measures the other kind on some strands beside it.
 
 use io_formats::UniformGroom;
-use io_formats::guide_transform::{DisplacementTransform, guide_transforms};
+use io_formats::guide_transform::{Blend, DisplacementTransform, guide_transforms};
 use rayon::prelude::*;
 
 /// Numbers of one transform: nine of the linear part by rows, three of the offset.
 pub const NUMBERS: usize = 12;
-
-/// How a guide moves the hairs that depend on it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum BlendKind {
-    /// Each particle turns and moves what is near it.
-    Rigid,
-    /// Each particle only moves what is near it.
-    TranslationOnly,
-}
 
 /// Transforms of all guides in one frame.
 #[derive(Debug, Clone, Default)]
@@ -37,7 +24,7 @@ impl FrameTransforms {
     ///
     /// # Panics
     /// If the frame has another number of points than `rest`, or there is no such guide strand.
-    pub fn fill(&mut self, rest: &UniformGroom, guide_strands: &[u32], frame: &[[f32; 3]], kind: BlendKind) {
+    pub fn fill(&mut self, rest: &UniformGroom, guide_strands: &[u32], frame: &[[f32; 3]], blend: Blend) {
         let n = rest.n_particles;
         assert_eq!(frame.len(), rest.points.len(), "a frame must have the points of the rest shape");
         self.n_particles = n;
@@ -47,10 +34,7 @@ impl FrameTransforms {
         per_guide.for_each(|((values, scratch), &strand)| {
             let at = strand as usize * n;
             let (rest, current) = (rest.strand(strand as usize), &frame[at..at + n]);
-            match kind {
-                BlendKind::Rigid => guide_transforms(rest, current, scratch),
-                BlendKind::TranslationOnly => translations(rest, current, scratch),
-            }
+            guide_transforms(rest, current, blend, scratch);
             for (i, t) in scratch.iter().enumerate() {
                 for (r, row) in t.linear.iter().enumerate() {
                     for (c, &x) in row.iter().enumerate() {
@@ -75,12 +59,6 @@ impl FrameTransforms {
     }
 }
 
-fn translations(rest: &[[f32; 3]], current: &[[f32; 3]], out: &mut [DisplacementTransform]) {
-    for ((t, p_rest), p) in out.iter_mut().zip(rest).zip(current) {
-        *t = DisplacementTransform { linear: [[0.0; 3]; 3], offset: [0, 1, 2].map(|c| p[c] - p_rest[c]) };
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -96,16 +74,16 @@ mod tests {
         frame[4] = [5.5, 0.8, 0.1];
         frame[5] = [6.5, 0.9, 0.3];
         let mut expected = [DisplacementTransform::default(); 3];
-        guide_transforms(rest.strand(1), &frame[3..], &mut expected);
+        guide_transforms(rest.strand(1), &frame[3..], Blend::Rigid, &mut expected);
         let mut transforms = FrameTransforms::default();
-        transforms.fill(&rest, &[0, 1], &frame, BlendKind::Rigid);
+        transforms.fill(&rest, &[0, 1], &frame, Blend::Rigid);
         assert!(transforms.of_guide(0).iter().all(|&x| x == 0.0), "guide 0 is at rest");
         for (i, t) in expected.iter().enumerate() {
             let at = |number: usize| transforms.of_guide(1)[number * 3 + i];
             assert_eq!([at(3), at(4), at(5)], t.linear[1]);
             assert_eq!([at(9), at(10), at(11)], t.offset);
         }
-        transforms.fill(&rest, &[0, 1], &frame, BlendKind::TranslationOnly);
+        transforms.fill(&rest, &[0, 1], &frame, Blend::Translation);
         assert_eq!(transforms.of_guide(1)[9 * 3 + 1], 0.5);
         assert!(transforms.of_guide(1)[..27].iter().all(|&x| x == 0.0), "no turning");
     }

@@ -74,6 +74,7 @@ impl Row {
             velocity_weight: 5.0,
             max_distance: 4.0,
             release_distance: 6.0,
+            blend: io_formats::guide_transform::Blend::Rigid,
             material: record_of(&Material::straight()),
         };
         for (s, &x) in self.x.iter().enumerate() {

@@ -116,6 +116,7 @@ pub fn model() -> SkinningModel {
         velocity_weight: 5.0,
         max_distance: 7.5,
         release_distance: 9.0,
+        blend: io_formats::guide_transform::Blend::Rigid,
         material: MATERIAL,
     }
 }
