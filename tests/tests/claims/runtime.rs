@@ -6,6 +6,7 @@ use hair_tests::models::{N_PARTICLES, Row};
 use hair_tests::scenes::{ball, dense_samples, rod};
 use hair_tests::tolerance::{INSIDE_CM, SINGLE_ROUND_OFF_CM};
 use io_formats::SkinningModel;
+use io_formats::guide_transform::Blend;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 const DT: f64 = 0.01;
@@ -49,8 +50,12 @@ fn distance(a: [f32; 3], b: Vector3<f64>) -> f64 {
 
 #[test]
 fn hair_at_rest_is_reproduced_exactly() {
-    for row in [Row::parted(), Row::of_three_guides()] {
-        let model = row.model();
+    for (row, blend) in [
+        (Row::parted(), Blend::Translation),
+        (Row::parted(), Blend::Rigid),
+        (Row::of_three_guides(), Blend::Translation),
+    ] {
+        let model = SkinningModel { blend, ..row.model() };
         let rest = rest(&model);
         let mut runtime = runtime(model, RuntimeParams::adaptive(), vec![], &[]);
         assert_eq!(runtime.positions(), rest);
@@ -62,17 +67,19 @@ fn hair_at_rest_is_reproduced_exactly() {
 
 #[test]
 fn rigid_head_motion_is_reproduced_exactly() {
-    let model = Row::parted().model();
-    let rest = rest(&model);
-    let mut runtime = runtime(model, RuntimeParams::adaptive(), vec![], &[]);
-    let guides = runtime.guides_in_head().to_vec();
-    for k in 0..20 {
-        let turn = UnitQuaternion::from_euler_angles(0.1 * f64::from(k), 0.3 * f64::from(k), -0.05 * f64::from(k));
-        let head = Isometry3::from_parts(Translation3::new(f64::from(k), 2.0, -0.5 * f64::from(k)), turn);
-        runtime.replay(&guides, &head);
-        for (now, rest) in runtime.positions().iter().zip(&rest) {
-            let expected = head * Point3::from(Vector3::from(*rest).cast::<f64>());
-            assert!(distance(*now, expected.coords) < SINGLE_ROUND_OFF_CM);
+    for blend in [Blend::Translation, Blend::Rigid] {
+        let model = SkinningModel { blend, ..Row::parted().model() };
+        let rest = rest(&model);
+        let mut runtime = runtime(model, RuntimeParams::adaptive(), vec![], &[]);
+        let guides = runtime.guides_in_head().to_vec();
+        for k in 0..20 {
+            let turn = UnitQuaternion::from_euler_angles(0.1 * f64::from(k), 0.3 * f64::from(k), -0.05 * f64::from(k));
+            let head = Isometry3::from_parts(Translation3::new(f64::from(k), 2.0, -0.5 * f64::from(k)), turn);
+            runtime.replay(&guides, &head);
+            for (now, rest) in runtime.positions().iter().zip(&rest) {
+                let expected = head * Point3::from(Vector3::from(*rest).cast::<f64>());
+                assert!(distance(*now, expected.coords) < SINGLE_ROUND_OFF_CM);
+            }
         }
     }
 }
