@@ -103,9 +103,9 @@ pub(crate) fn choose(
 
 fn is_clique(mask: u16, eligible: &[u16], graph: &GuideGraph) -> bool {
     let of = |bit: usize| usize::from(eligible[bit]);
-    (0..eligible.len()).filter(|a| mask >> a & 1 == 1).all(|a| {
-        (0..a).filter(|b| mask >> b & 1 == 1).all(|b| graph.has_edge(of(a), of(b)))
-    })
+    (0..eligible.len())
+        .filter(|a| mask >> a & 1 == 1)
+        .all(|a| (0..a).filter(|b| mask >> b & 1 == 1).all(|b| graph.has_edge(of(a), of(b))))
 }
 
 /// The hair's share of every cluster: distinct masks over its eligible guides, ascending.
@@ -163,7 +163,13 @@ fn shift_cm(model: &SkinningModel, strand: usize, set: u16, scratch: &Scratch) -
     (sum / model.n_particles as f32).sqrt()
 }
 
-fn blend_into(model: &SkinningModel, strand: usize, set: u16, carried: &[[f32; 3]], mut sink: impl FnMut(usize, [f32; 3])) {
+fn blend_into(
+    model: &SkinningModel,
+    strand: usize,
+    set: u16,
+    carried: &[[f32; 3]],
+    mut sink: impl FnMut(usize, [f32; 3]),
+) {
     let n = model.n_particles as usize;
     let first = model.set_start[strand] as usize;
     let mask = model.set_mask[first + usize::from(set)];

@@ -102,7 +102,13 @@ impl GuideGraph {
     }
 
     /// Re-decides every edge for the guides' current motion.
-    pub(crate) fn update(&mut self, model: &SkinningModel, motion: &GuideMotion, solids: &[MovingSolid], rule: EdgeRule) {
+    pub(crate) fn update(
+        &mut self,
+        model: &SkinningModel,
+        motion: &GuideMotion,
+        solids: &[MovingSolid],
+        rule: EdgeRule,
+    ) {
         let n = motion.n_particles;
         let of = |values: &[[f32; 3]], g: u16| -> std::ops::Range<usize> {
             debug_assert!(usize::from(g) * n < values.len());

@@ -115,8 +115,10 @@ pub(crate) fn interpolate(rest: &[f32], u: &[f32], set: &ActiveSet, transforms: 
             let to = &mut out[c * pad + at..c * pad + at + WIDTH];
             let from: &[f32; WIDTH] = chunk(rest, c * pad + at);
             for l in 0..WIDTH {
-                let turned = blend[3 * c][l]
-                    .mul_add(x[l], blend[3 * c + 1][l].mul_add(y[l], blend[3 * c + 2][l].mul_add(z[l], blend[9 + c][l])));
+                let turned = blend[3 * c][l].mul_add(
+                    x[l],
+                    blend[3 * c + 1][l].mul_add(y[l], blend[3 * c + 2][l].mul_add(z[l], blend[9 + c][l])),
+                );
                 to[l] = turned.mul_add(scale[l], from[l]);
             }
         }
@@ -130,7 +132,12 @@ fn chunk(values: &[f32], at: usize) -> &[f32; WIDTH] {
 
 /// The plain reading of AS16 Eq. (5) for one particle: the reference that [`interpolate`] is tested against.
 #[cfg(test)]
-pub(crate) fn interpolate_plainly(rest: [f32; 3], u: f32, set: &ActiveSet, transforms: &[DisplacementTransform]) -> [f32; 3] {
+pub(crate) fn interpolate_plainly(
+    rest: [f32; 3],
+    u: f32,
+    set: &ActiveSet,
+    transforms: &[DisplacementTransform],
+) -> [f32; 3] {
     let weights = set.weights_at(u);
     let mut out = [0.0; 3];
     for b in 0..usize::from(set.n) {

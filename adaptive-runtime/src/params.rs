@@ -161,10 +161,9 @@ impl RuntimeParams {
                 return bad(name, value, "finite and greater than zero");
             }
         }
-        for (name, value) in [
-            ("two_way.memory", self.two_way.memory),
-            ("two_way.idle_row_weight", self.two_way.idle_row_weight),
-        ] {
+        for (name, value) in
+            [("two_way.memory", self.two_way.memory), ("two_way.idle_row_weight", self.two_way.idle_row_weight)]
+        {
             if !(0.0..=1.0).contains(&value) {
                 return bad(name, value, "from zero to one");
             }

@@ -3,8 +3,8 @@
 use crate::assign::{choose, decode};
 use crate::graph::EdgeRule;
 use crate::hair_contact::{LaneInput, N_FIXED, ResidualInput, get, penalty_forces};
-use crate::params::TwoWayParams;
 use crate::interpolate::interpolate;
+use crate::params::TwoWayParams;
 use crate::runtime::{Runtime, Strand, Worker, to_world};
 use crate::timings::{StageTimings, timed};
 use crate::two_way::ContactRow;
@@ -101,7 +101,8 @@ impl Runtime {
         }
         report.connectivity = self.graph.connectivity();
 
-        report.set_changes = timed(&mut report.timings.assign_interpolate, || self.assign_and_interpolate(input, &moving));
+        report.set_changes =
+            timed(&mut report.timings.assign_interpolate, || self.assign_and_interpolate(input, &moving));
         let mut hair_contact = std::time::Duration::ZERO;
         timed(&mut hair_contact, || self.correct(input, &moving, moving_head, &mut report));
         report.timings.hair_contact = hair_contact;
@@ -228,7 +229,8 @@ impl Runtime {
         for batch in self.hair_contact.batches() {
             report.corrected_strands += batch.strands.len() as u32;
             for (lane, &s) in batch.strands.iter().enumerate() {
-                let stiffness = penalty_stiffness(&self.model, &self.material, &self.params.two_way, s as usize, input.dt);
+                let stiffness =
+                    penalty_stiffness(&self.model, &self.material, &self.params.two_way, s as usize, input.dt);
                 let strand = &mut self.strands[s as usize];
                 let of = s as usize * n;
                 if !lane_is_finite(&batch.offset, lane) || !lane_is_finite(&batch.velocity, lane) {
@@ -277,13 +279,7 @@ impl Runtime {
         let (model, material) = (&self.model, &self.material);
         let mass = |guide: usize| particle_mass(model, material, model.guide_strands[guide] as usize);
         let strands = &self.strands;
-        self.two_way.update(
-            strands.len(),
-            |s| &strands[s].active_set,
-            &self.contact_rows,
-            mass,
-            &self.params.two_way,
-        )
+        self.two_way.update(strands.len(), |s| &strands[s].active_set, &self.contact_rows, mass, &self.params.two_way)
     }
 }
 

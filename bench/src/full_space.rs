@@ -20,8 +20,6 @@ pub struct FullSpace {
 /// Longest time strands are given to come to rest, s.
 const SETTLE_S: f64 = 2.5;
 const SETTLE_STEP_S: f64 = 0.01;
-/// Fewer than in motion: only where it ends matters.
-const SETTLE_SUBSTEPS: usize = 2;
 /// Air drag while settling, 1/s: high, since only where it ends matters.
 const SETTLE_DRAG: f64 = 8.0;
 
@@ -38,8 +36,7 @@ pub fn settle(
     params: &StepParams,
     mut progress: impl FnMut(f64),
 ) -> Result<UniformGroom, Error> {
-    let params = StepParams { substeps: SETTLE_SUBSTEPS, ..*params };
-    let mut strands = FullSpace::new(groom, groom, Material { air_drag_per_s: SETTLE_DRAG, ..material }, &params)?;
+    let mut strands = FullSpace::new(groom, groom, Material { air_drag_per_s: SETTLE_DRAG, ..material }, params)?;
     let pose = SolidPose::still(Isometry3::identity());
     let head = MovingSolid { solid: head, pose };
     let n_steps = (SETTLE_S / SETTLE_STEP_S) as usize;

@@ -35,6 +35,8 @@ pub type Reach = Vec<Vec<u32>>;
 /// What was measured over a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Measured {
+    /// Strands in all.
+    pub n_strands: usize,
     /// Strands that come into reach.
     pub near_strands: usize,
     /// Mean over steps of the share of strands in reach that are inside, per cent.
@@ -219,6 +221,7 @@ impl<'a> Observer<'a> {
         let share = |sum: f64, count: f64| if count > 0.0 { sum / count } else { 0.0 };
         let passed = self.near.iter().filter(|&&s| self.passed[s as usize]).count() as f64;
         Measured {
+            n_strands: self.is_near.len(),
             near_strands: self.near.len(),
             near_strands_inside_pct: 100.0 * share(self.inside_share, self.steps_with_reach as f64),
             passed_through_pct: 100.0 * share(passed, self.near.len() as f64),

@@ -86,10 +86,7 @@ pub fn comb(params: CombParams) -> Result<Solid, Error> {
     };
     let wide = half_width + 2.0 * spine_radius_cm + RIM_CM;
     let thick = spine_radius_cm + RIM_CM;
-    let bounds = Bounds::new(
-        Vector3::new(-wide, -thick, -tooth_length_cm - RIM_CM),
-        Vector3::new(wide, thick, thick),
-    );
+    let bounds = Bounds::new(Vector3::new(-wide, -thick, -tooth_length_cm - RIM_CM), Vector3::new(wide, thick, thick));
     let sdf = bake_from_fn(bounds, tip_radius / COMB_CELLS_PER_RADIUS, distance)
         .map_err(|source| Error::Bake { name: "comb".to_owned(), source })?;
     Ok(Solid { name: "comb".to_owned(), sdf, half_thickness_cm: tip_radius, friction: DEFAULT_FRICTION })

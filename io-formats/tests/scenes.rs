@@ -57,7 +57,7 @@ fn defaults_are_those_documented() {
     assert!(!s.groom.drop_degenerate && s.solids.is_empty());
     assert_eq!((s.head.shape.clone(), s.head.motion.clone()), (HeadShape::Builtin, MotionSpec::Still));
     assert_eq!((s.material.preset, s.material.bend), (HairStyle::Straight, None));
-    assert_eq!((s.train.fps, s.train.sparsity, s.train.min_weight), (25.0, 0.15, 0.01));
+    assert_eq!((s.train.fps, s.train.sparsity, s.train.min_weight), (25.0, 0.015, 0.01));
     assert_eq!((s.camera.width, s.camera.vertical_fov_deg), (768, 35.0));
     assert_eq!(s.head_motion().unwrap().pose_at(1.0), nalgebra::Isometry3::identity());
 }

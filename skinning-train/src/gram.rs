@@ -207,9 +207,8 @@ mod tests {
         }
         let guides = [0_usize, 2, 3];
         let eligible = Eligible { start: vec![0, 1, 4, 5, 6], guides: vec![0, 0, 1, 2, 1, 2] };
-        let grams =
-            accumulate(&frames, &rest, &guides.map(|g| g as u32), &eligible, &[1], Blend::Rigid, &mut |_| {})
-                .expect("the frames can be read");
+        let grams = accumulate(&frames, &rest, &guides.map(|g| g as u32), &eligible, &[1], Blend::Rigid, &mut |_| {})
+            .expect("the frames can be read");
         let mut expected = [[[0.0_f64; 3]; 3]; N];
         for points in &recorded {
             let residuals: Vec<Vec<[f32; 3]>> = guides

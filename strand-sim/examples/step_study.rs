@@ -2,6 +2,8 @@
 //!
 //! Prints one CSV row for each motion and substep count; the numbers stand in docs/DEVIATIONS.md.
 
+#![allow(clippy::print_stdout, reason = "a program whose output is its table")]
+
 use nalgebra::{Isometry3, Translation3, Vector3};
 use std::time::Instant;
 use strand_sim::{Material, StepInput, StepParams, StepWorkspace, StrandSystem};

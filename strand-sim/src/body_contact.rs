@@ -8,8 +8,8 @@ use crate::lanes::{Lane, Lane3};
 use crate::solve::banded::BandedMatrix;
 use crate::step::{StepInput, StepParams};
 use crate::system::{Batch, BatchState, StrandSystem, get, set};
-use collision::deepest_on_segment;
 use collision::MovingSolid;
+use collision::deepest_on_segment;
 use collision::friction::slip_factor;
 use nalgebra::{Isometry3, Vector3};
 
@@ -187,7 +187,8 @@ impl Contact {
             }
             let row = self.ends[e] - n_fixed;
             for p in 0..3 {
-                rhs[3 * row + p][self.lane] -= h * self.stiffness * self.weight[e] * (self.gap + known) * self.normal[p];
+                rhs[3 * row + p][self.lane] -=
+                    h * self.stiffness * self.weight[e] * (self.gap + known) * self.normal[p];
                 for f in 0..=e {
                     if self.ends[f] < n_fixed {
                         continue;

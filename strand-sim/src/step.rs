@@ -98,7 +98,10 @@ impl StrandSystem {
         workspace: &mut StepWorkspace,
     ) -> StepReport {
         assert_eq!(state.batches.len(), self.batches.len(), "state of another system");
-        assert!(input.forces.is_empty() || input.forces.len() == self.n_strands * self.n_main, "one force per particle");
+        assert!(
+            input.forces.is_empty() || input.forces.len() == self.n_strands * self.n_main,
+            "one force per particle"
+        );
         if self.batches.is_empty() {
             return StepReport::default();
         }
@@ -125,11 +128,8 @@ impl StrandSystem {
     }
 
     fn slot(&self) -> Slot {
-        let matrix = self
-            .topologies
-            .iter()
-            .map(|t| BandedMatrix::new(t.n_rig - t.n_kinematic, t.reach))
-            .collect::<Vec<_>>();
+        let matrix =
+            self.topologies.iter().map(|t| BandedMatrix::new(t.n_rig - t.n_kinematic, t.reach)).collect::<Vec<_>>();
         let n_dof = self.topologies.iter().map(|t| 3 * (t.n_rig - t.n_kinematic)).max().unwrap_or(0);
         let n_rig = self.topologies.iter().map(|t| t.n_rig).max().unwrap_or(0);
         Slot {
@@ -141,7 +141,14 @@ impl StrandSystem {
         }
     }
 
-    fn step_batch(&self, batch: &Batch, state: &mut BatchState, input: &StepInput, params: &StepParams, slot: &mut Slot) {
+    fn step_batch(
+        &self,
+        batch: &Batch,
+        state: &mut BatchState,
+        input: &StepInput,
+        params: &StepParams,
+        slot: &mut Slot,
+    ) {
         let topology = &self.topologies[batch.topology];
         let n_kin = topology.n_kinematic;
         let h = input.dt / params.substeps as f64;

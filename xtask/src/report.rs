@@ -33,6 +33,18 @@ fn flicker(run: &RunResult, reference: &Reference) -> [Option<f64>; 4] {
     ]
 }
 
+/// Strands in reach of a solid, mean over the steps that have any.
+fn mean_in_reach(reference: &Reference) -> f64 {
+    let steps = reference.reach.iter().filter(|r| !r.is_empty());
+    let (sum, count) = steps.fold((0, 0), |(sum, count), r| (sum + r.len(), count + 1));
+    sum as f64 / f64::from(count.max(1))
+}
+
+/// Steps with at least so many strands in reach.
+fn steps_in_reach(reference: &Reference, strands: usize) -> usize {
+    reference.reach.iter().filter(|r| r.len() >= strands.max(1)).count()
+}
+
 /// Every figure of a run.
 pub fn run_json(mode: Mode, run: &RunResult, reference: &Reference) -> Value {
     let m = &run.measured;
@@ -46,6 +58,8 @@ pub fn run_json(mode: Mode, run: &RunResult, reference: &Reference) -> Value {
         "wall_seconds": run.wall_seconds,
         "cpu_s_per_sim_s": run.cpu_seconds / run.sim_seconds.max(1e-9),
         "near_strands": m.near_strands,
+        "mean_in_reach": mean_in_reach(reference),
+        "steps_with_tenth_in_reach": steps_in_reach(reference, m.n_strands / 10),
         "near_strands_inside_pct": m.near_strands_inside_pct,
         "passed_through_pct": m.passed_through_pct,
         "max_depth_cm": m.max_depth_cm,
@@ -111,9 +125,15 @@ pub fn print_table(rows: &[(Mode, RunResult)], reference: &Reference) {
         );
     }
     if let Some((_, run)) = rows.first() {
-        println!("near strands: {}; rigid hair's error: {} %", run.measured.near_strands, {
+        println!(
+            "near strands: {} of {}, {:.0} in reach at a time, a tenth or more in {} of {} steps; rigid hair's error: {} %",
+            run.measured.near_strands,
+            run.measured.n_strands,
+            mean_in_reach(reference),
+            steps_in_reach(reference, run.measured.n_strands / 10),
+            run.steps,
             run.error.map_or_else(|| "-".to_owned(), |e| format!("{:.2}", e.rigid))
-        });
+        );
     }
 }
 

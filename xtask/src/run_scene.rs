@@ -52,7 +52,7 @@ pub struct Args {
     /// Worker threads; 0 uses all cores. The result does not depend on it.
     #[arg(long, default_value_t = 0)]
     threads: usize,
-    /// Folder of results and cache: OUT/<scene>/<mode>.usda, .png and .json, OUT/cache.
+    /// Folder of results and cache: `OUT/<scene>/<mode>.usda`, `.png` and `.json`, and OUT/cache.
     #[arg(long, default_value = "out")]
     out: PathBuf,
     /// Also write the figures to this file.
