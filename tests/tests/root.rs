@@ -4,4 +4,5 @@
 mod claims;
 mod determinism;
 mod formats;
+mod real_input;
 mod tidy;
