@@ -195,7 +195,7 @@ pub enum SolidShape {
         /// Length between the centres of its two caps (cm).
         length_cm: f64,
     },
-    /// A row of round teeth on a round spine: spine along x, centred at the origin, teeth along -y.
+    /// A row of round teeth on a round spine: spine along x, centred at the origin, teeth along -z.
     Comb {
         /// Number of teeth.
         teeth: usize,
