@@ -154,6 +154,24 @@ impl ContactBatch {
     }
 }
 
+impl ContactBatch {
+    /// Copies the first strand into the lanes past the last, so that every lane's system is sound.
+    fn repeat_first_lane(&mut self) {
+        let n_strands = self.strands.len();
+        let repeat = |values: &mut Lane| {
+            let first = values[0];
+            values[n_strands..].fill(first);
+        };
+        for vectors in [&mut self.before, &mut self.after, &mut self.offset, &mut self.velocity] {
+            vectors.iter_mut().flatten().for_each(repeat);
+        }
+        for scalars in [&mut self.mass, &mut self.rest_length, &mut self.string] {
+            scalars.iter_mut().for_each(repeat);
+        }
+        repeat(&mut self.beam);
+    }
+}
+
 impl HairContact {
     /// Starts a new step's list of strands.
     pub(crate) fn begin(&mut self) {
@@ -175,10 +193,6 @@ impl HairContact {
         let lane = batch.strands.len();
         batch.strands.push(input.strand);
         batch.load(lane, input, material, gravity);
-        // Lanes past the last strand repeat it, so that every lane's system is sound.
-        for idle in lane + 1..LANES {
-            batch.load(idle, input, material, gravity);
-        }
     }
 
     /// The strands of this step with their results, in the order they were added.
@@ -191,6 +205,8 @@ impl HairContact {
         if self.n_used == 0 {
             return;
         }
+        // Only the last batch may have lanes to spare.
+        self.batches[self.n_used - 1].repeat_first_lane();
         let n = self.batches[0].before.len();
         let n_slots = (4 * rayon::current_num_threads()).min(self.n_used);
         let slice = self.n_used.div_ceil(n_slots);

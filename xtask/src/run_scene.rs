@@ -9,6 +9,7 @@ use hair_bench::picture::contact_sheet;
 use hair_bench::run::{Mode, run as run_mode};
 use hair_bench::world::World;
 use io_formats::usd::{CurvesLook, UsdaTiming, UsdaWriter};
+use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
 /// Modes on the command line.
@@ -100,6 +101,7 @@ pub fn run(args: Args) -> Result<()> {
         let bar = bars.bar("pictures", args.pictures as u64);
         let last = frames.len() - 1;
         let images: Vec<_> = (0..args.pictures)
+            .into_par_iter()
             .map(|k| {
                 let (t, points) = &frames[last * k / (args.pictures - 1).max(1)];
                 bar.inc(1);
