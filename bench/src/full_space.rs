@@ -18,7 +18,7 @@ pub struct FullSpace {
 }
 
 /// Longest time strands are given to come to rest, s.
-const SETTLE_S: f64 = 2.0;
+const SETTLE_S: f64 = 1.6;
 const SETTLE_STEP_S: f64 = 0.01;
 /// Air drag while settling, 1/s: high, since only where it ends matters.
 const SETTLE_DRAG: f64 = 8.0;
