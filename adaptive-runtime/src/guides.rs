@@ -79,7 +79,7 @@ impl Guides {
             velocity_in_head: vec![[0.0; 3]; rest.len()],
             position_in_solids: Vec::new(),
             transforms: vec![DisplacementTransform::default(); n],
-            arrays: TransformArrays::new(n_guides, n),
+            arrays: TransformArrays::new(n_guides, n, model.blend),
             rest,
         })
     }

@@ -323,26 +323,22 @@ fn find(
         let at = |i: usize| get(&position[i], lane);
         let clear = near_points(first[lane]..n, at, moving, &world_from_solid, input.contact, |near| {
             let ends = [near.segment, near.segment + 1];
-            let weight = [1.0 - near.s, near.s];
-            let of = |v: &[Lane3]| get(&v[ends[0]], lane) * weight[0] + get(&v[ends[1]], lane) * weight[1];
-            let velocity = of(&batch.velocity);
-            if near.gap + h * near.normal.dot(&velocity) >= 0.0 {
-                return;
-            }
+            let of = |v: &[Lane3]| near.between(get(&v[ends[0]], lane), get(&v[ends[1]], lane));
             let carried = (of(&batch.after) - of(&batch.before)) / input.dt;
             let solid_velocity = moving.pose.velocity_at(of(position), input.dt) - carried;
-            let fastest = input.contact.max_push_speed + solid_velocity.norm();
-            contacts.push(Contact {
+            let (friction, mass) = (f64::from(moving.solid.friction), batch.mass[ends[1]][lane]);
+            let velocity = of(&batch.velocity);
+            contacts.extend(Contact::closing(
+                &near,
                 lane,
                 ends,
-                weight,
-                normal: near.normal,
-                gap: near.gap.max(-fastest * h),
-                stiffness: input.contact.stiffness_over_inertia * batch.mass[ends[1]][lane] / (h * h),
+                velocity,
                 solid_velocity,
-                friction: f64::from(moving.solid.friction),
-                known: Vector3::zeros(),
-            });
+                friction,
+                mass,
+                h,
+                input.contact,
+            ));
         });
         if record_clearance {
             batch.clearance[lane] = batch.clearance[lane].min(clear);

@@ -4,7 +4,7 @@
 //! particle index, the quadratic weight is evaluated in the lane. Transforms are kept as what they add to the identity, so
 //! a hair at rest is reproduced exactly.
 
-use io_formats::guide_transform::DisplacementTransform;
+use io_formats::guide_transform::{Blend, DisplacementTransform};
 use io_formats::skinning_model::{MAX_ELIGIBLE, WeightPoly};
 use multiversion::multiversion;
 
@@ -13,6 +13,9 @@ const WIDTH: usize = 8;
 
 /// Arrays of a rigid transform: nine of `linear`, three of `offset`.
 pub(crate) const ARRAYS: usize = 12;
+
+/// First array of the translation.
+const TRANSLATION: usize = 9;
 
 /// Particle count padded to whole vectors.
 pub(crate) fn padded(n_particles: usize) -> usize {
@@ -23,13 +26,15 @@ pub(crate) fn padded(n_particles: usize) -> usize {
 #[derive(Clone, Debug)]
 pub(crate) struct TransformArrays {
     pub pad: usize,
-    pub values: Vec<f32>,
+    /// Whether any transform turns; if not, the nine arrays of `linear` are zero and left out of the blend.
+    turning: bool,
+    values: Vec<f32>,
 }
 
 impl TransformArrays {
-    pub(crate) fn new(n_guides: usize, n_particles: usize) -> Self {
+    pub(crate) fn new(n_guides: usize, n_particles: usize, blend: Blend) -> Self {
         let pad = padded(n_particles);
-        Self { pad, values: vec![0.0; n_guides * ARRAYS * pad] }
+        Self { pad, turning: blend == Blend::Rigid, values: vec![0.0; n_guides * ARRAYS * pad] }
     }
 
     pub(crate) fn of_guide(&self, guide: usize) -> &[f32] {
@@ -85,6 +90,7 @@ impl ActiveSet {
 #[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
 pub(crate) fn interpolate(rest: &[f32], u: &[f32], set: &ActiveSet, transforms: &TransformArrays, out: &mut [f32]) {
     let pad = transforms.pad;
+    let first = if transforms.turning { 0 } else { TRANSLATION };
     for at in (0..pad).step_by(WIDTH) {
         let mut sum = [0.0f32; WIDTH];
         let mut blend = [[0.0f32; WIDTH]; ARRAYS];
@@ -97,7 +103,7 @@ pub(crate) fn interpolate(rest: &[f32], u: &[f32], set: &ActiveSet, transforms: 
                 sum[l] += w[l];
             }
             let arrays = transforms.of_guide(usize::from(set.guides[b]));
-            for k in 0..ARRAYS {
+            for k in first..ARRAYS {
                 let values: &[f32; WIDTH] = chunk(arrays, k * pad + at);
                 for l in 0..WIDTH {
                     blend[k][l] = w[l].mul_add(values[l], blend[k][l]);
@@ -114,6 +120,12 @@ pub(crate) fn interpolate(rest: &[f32], u: &[f32], set: &ActiveSet, transforms: 
         for c in 0..3 {
             let to = &mut out[c * pad + at..c * pad + at + WIDTH];
             let from: &[f32; WIDTH] = chunk(rest, c * pad + at);
+            if !transforms.turning {
+                for l in 0..WIDTH {
+                    to[l] = blend[TRANSLATION + c][l].mul_add(scale[l], from[l]);
+                }
+                continue;
+            }
             for l in 0..WIDTH {
                 let turned = blend[3 * c][l].mul_add(
                     x[l],
@@ -152,7 +164,7 @@ pub(crate) fn interpolate_plainly(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use io_formats::guide_transform::{Blend, guide_transforms};
+    use io_formats::guide_transform::guide_transforms;
 
     /// Single-precision rounding over coordinates of some tens of centimetres.
     const ROUND_OFF_CM: f32 = 2e-5;
@@ -161,13 +173,13 @@ mod tests {
         (0..25).map(|i| i as f32).map(|i| [x + bend * i * i, -i, 0.3 * (bend * i).sin()]).collect()
     }
 
-    fn three_guides(bend: f32) -> (TransformArrays, Vec<Vec<DisplacementTransform>>) {
-        let mut arrays = TransformArrays::new(3, 25);
+    fn three_guides(bend: f32, kind: Blend) -> (TransformArrays, Vec<Vec<DisplacementTransform>>) {
+        let mut arrays = TransformArrays::new(3, 25, kind);
         let mut plain = Vec::new();
         for g in 0..3 {
             let mut transforms = vec![DisplacementTransform::default(); 25];
             let bent = strand(g as f32, bend * (1.0 + g as f32));
-            guide_transforms(&strand(g as f32, 0.0), &bent, Blend::Rigid, &mut transforms);
+            guide_transforms(&strand(g as f32, 0.0), &bent, kind, &mut transforms);
             arrays.set_guide(g, &transforms);
             plain.push(transforms);
         }
@@ -198,19 +210,23 @@ mod tests {
     #[test]
     fn a_hair_at_rest_is_reproduced_exactly() {
         let rest = strand(0.7, 0.011);
-        let (arrays, _) = three_guides(0.0);
-        assert_eq!(run(&rest, &arrays), rest);
+        for kind in [Blend::Rigid, Blend::Translation] {
+            let (arrays, _) = three_guides(0.0, kind);
+            assert_eq!(run(&rest, &arrays), rest);
+        }
     }
 
     #[test]
     fn the_kernel_agrees_with_the_plain_equation() {
         let rest = strand(0.7, 0.0);
-        let (arrays, plain) = three_guides(0.01);
-        for (i, p) in run(&rest, &arrays).iter().enumerate() {
-            let per_guide: Vec<_> = plain.iter().map(|t| t[i]).collect();
-            let expected = interpolate_plainly(rest[i], i as f32 / 24.0, &set(), &per_guide);
-            for c in 0..3 {
-                assert!((p[c] - expected[c]).abs() < ROUND_OFF_CM);
+        for kind in [Blend::Rigid, Blend::Translation] {
+            let (arrays, plain) = three_guides(0.01, kind);
+            for (i, p) in run(&rest, &arrays).iter().enumerate() {
+                let per_guide: Vec<_> = plain.iter().map(|t| t[i]).collect();
+                let expected = interpolate_plainly(rest[i], i as f32 / 24.0, &set(), &per_guide);
+                for c in 0..3 {
+                    assert!((p[c] - expected[c]).abs() < ROUND_OFF_CM);
+                }
             }
         }
     }

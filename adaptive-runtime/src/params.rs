@@ -124,7 +124,8 @@ impl RuntimeParams {
         params
     }
 
-    /// AS16 to the letter: sticky sets, undiluted rows nowhere, no residual correction.
+    /// AS16 to the letter as far as parameters reach: sets are left only when they break, rows of hairs out of contact weigh
+    /// as much as any, no residual correction. The model's calibrated δ and the offsets that fade a change of set stay.
     #[must_use]
     pub fn paper() -> Self {
         let mut params = Self::adaptive();

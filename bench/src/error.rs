@@ -33,6 +33,14 @@ pub enum Error {
     /// The runtime refused the model or its parameters.
     #[error(transparent)]
     Runtime(#[from] adaptive_runtime::Error),
+    /// No mode has this name.
+    #[error("there is no mode {name}; the modes are {known}")]
+    UnknownMode {
+        /// The name given.
+        name: String,
+        /// The names that exist.
+        known: String,
+    },
     /// A parameter is out of its range.
     #[error("{name} is {value}, but must be finite and at least {least}")]
     BadParameter {

@@ -66,6 +66,17 @@ impl Mode {
     }
 }
 
+impl std::str::FromStr for Mode {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self, Error> {
+        Self::ALL
+            .into_iter()
+            .find(|mode| mode.name() == name)
+            .ok_or_else(|| Error::UnknownMode { name: name.to_owned(), known: Self::ALL.map(Self::name).join(", ") })
+    }
+}
+
 /// What all modes of one scene are measured against.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Reference {

@@ -58,25 +58,22 @@ impl World {
         let mut motions = Vec::new();
         for spec in &scene.solids {
             progress(&spec.name);
-            let (mut solid, mesh) = match &spec.shape {
-                SolidShape::Mesh(source) => bake(&spec.name, source, spec.friction as f32)?,
-                shape => {
-                    let solid = match *shape {
-                        SolidShape::Sphere { radius_cm } => shapes::sphere(radius_cm as f32)?,
-                        SolidShape::Rod { radius_cm, length_cm } => shapes::rod(radius_cm as f32, length_cm as f32)?,
-                        SolidShape::Comb { teeth, pitch_cm, tooth_radius_cm, tooth_length_cm, spine_radius_cm } => {
-                            shapes::comb(CombParams {
-                                teeth,
-                                pitch_cm: pitch_cm as f32,
-                                tooth_radius_cm: tooth_radius_cm as f32,
-                                tooth_length_cm: tooth_length_cm as f32,
-                                spine_radius_cm: spine_radius_cm as f32,
-                            })?
-                        }
-                        SolidShape::Mesh(_) => unreachable!("matched above"),
-                    };
-                    let mesh = solid_mesh(&solid);
-                    (solid, mesh)
+            let meshed = |solid: Solid| {
+                let mesh = solid_mesh(&solid);
+                (solid, mesh)
+            };
+            let (mut solid, mesh) = match spec.shape {
+                SolidShape::Mesh(ref source) => bake(&spec.name, source, spec.friction as f32)?,
+                SolidShape::Sphere { radius_cm } => meshed(shapes::sphere(radius_cm as f32)?),
+                SolidShape::Rod { radius_cm, length_cm } => meshed(shapes::rod(radius_cm as f32, length_cm as f32)?),
+                SolidShape::Comb { teeth, pitch_cm, tooth_radius_cm, tooth_length_cm, spine_radius_cm } => {
+                    meshed(shapes::comb(CombParams {
+                        teeth,
+                        pitch_cm: pitch_cm as f32,
+                        tooth_radius_cm: tooth_radius_cm as f32,
+                        tooth_length_cm: tooth_length_cm as f32,
+                        spine_radius_cm: spine_radius_cm as f32,
+                    })?)
                 }
             };
             solid.name.clone_from(&spec.name);

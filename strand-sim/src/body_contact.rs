@@ -146,27 +146,26 @@ impl StrandSystem {
                 let position = |i: usize| get(&state.position[topology.rig_of_main(i)], lane);
                 let clear = near_points(first..self.n_main, position, moving, &world_from_solid, contact, |near| {
                     let ends = [topology.rig_of_main(near.segment), topology.rig_of_main(near.segment + 1)];
-                    let weight = [1.0 - near.s, near.s];
-                    let at = |of: &[Lane3], e: usize| get(&of[ends[e]], lane) * weight[e];
-                    let velocity = at(&state.velocity, 0) + at(&state.velocity, 1);
-                    // A strand on its way out is let go, so that the penalty never pulls.
-                    if near.gap + h * near.normal.dot(&velocity) >= 0.0 {
-                        return;
-                    }
-                    let point = at(&state.position, 0) + at(&state.position, 1);
-                    let solid_velocity = moving.pose.velocity_at(point, input.dt);
-                    let fastest = contact.max_push_speed + solid_velocity.norm();
-                    contacts.push(Contact {
+                    let at = |of: &[Lane3]| near.between(get(&of[ends[0]], lane), get(&of[ends[1]], lane));
+                    let solid_velocity = moving.pose.velocity_at(at(&state.position), input.dt);
+                    let mass = batch.mass[ends[1]][lane];
+                    let friction = f64::from(moving.solid.friction);
+                    if let Some(mut found) = Contact::closing(
+                        &near,
                         lane,
                         ends,
-                        weight,
-                        normal: near.normal,
-                        gap: near.gap.max(-fastest * h),
-                        stiffness: contact.stiffness_over_inertia * batch.mass[ends[1]][lane] / (h * h),
+                        at(&state.velocity),
                         solid_velocity,
-                        friction: f64::from(moving.solid.friction),
-                        known: if ends[0] < n_kin { at(&state.velocity, 0) } else { Vector3::zeros() },
-                    });
+                        friction,
+                        mass,
+                        h,
+                        contact,
+                    ) {
+                        if ends[0] < n_kin {
+                            found.known = get(&state.velocity[ends[0]], lane) * found.weight[0];
+                        }
+                        contacts.push(found);
+                    }
                 });
                 // The bound is as of before this substep's movement, which is subtracted with the rest.
                 state.clearance[k][lane] = clear + by_solid;
@@ -175,7 +174,47 @@ impl StrandSystem {
     }
 }
 
+impl NearPoint {
+    /// A quantity at the point, from its values at the segment's two ends.
+    #[must_use]
+    pub fn between(&self, a: Vector3<f64>, b: Vector3<f64>) -> Vector3<f64> {
+        a * (1.0 - self.s) + b * self.s
+    }
+}
+
 impl Contact {
+    /// The contact at a point near a solid over a substep of `h` seconds, or `None` for a strand on its way out, which is
+    /// let go so that the penalty never pulls. Velocities are of the strand's and the solid's point, cm/s; `mass` is that
+    /// of a particle, g.
+    #[must_use]
+    pub fn closing(
+        near: &NearPoint,
+        lane: usize,
+        ends: [usize; 2],
+        velocity: Vector3<f64>,
+        solid_velocity: Vector3<f64>,
+        friction: f64,
+        mass: f64,
+        h: f64,
+        params: &ContactParams,
+    ) -> Option<Self> {
+        if near.gap + h * near.normal.dot(&velocity) >= 0.0 {
+            return None;
+        }
+        let fastest = params.max_push_speed + solid_velocity.norm();
+        Some(Self {
+            lane,
+            ends,
+            weight: [1.0 - near.s, near.s],
+            normal: near.normal,
+            gap: near.gap.max(-fastest * h),
+            stiffness: params.stiffness_over_inertia * mass / (h * h),
+            solid_velocity,
+            friction,
+            known: Vector3::zeros(),
+        })
+    }
+
     /// Adds the penalty k (gap + h n·v) n, implicit in the new velocities, to one lane of the system whose first
     /// `n_fixed` particles are prescribed.
     #[inline(always)]

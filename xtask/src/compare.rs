@@ -3,7 +3,6 @@
 use crate::pipeline::{describe, load_scene, prepare, reference, use_threads};
 use crate::progress::Bars;
 use crate::report::{print_table, run_json, write_beside};
-use crate::run_scene::ModeArg;
 use anyhow::Result;
 use hair_bench::run::{Mode, run as run_mode};
 use serde_json::Value;
@@ -15,8 +14,8 @@ pub struct Args {
     /// A scene (.toml; see docs/SCENE.md), or a built-in one: salon.
     scene: String,
     /// Modes to run, in order; all by default.
-    #[arg(long, value_enum, value_delimiter = ',')]
-    modes: Vec<ModeArg>,
+    #[arg(long, value_delimiter = ',')]
+    modes: Vec<Mode>,
     /// Worker threads; 0 uses all cores. The result does not depend on it.
     #[arg(long, default_value_t = 0)]
     threads: usize,
@@ -36,8 +35,7 @@ pub fn run(args: Args) -> Result<()> {
     let world = &prepared.world;
     println!("{}: {}", world.scene.name, describe(world));
     let reference = reference(&prepared, true, &bars)?;
-    let modes: Vec<Mode> =
-        if args.modes.is_empty() { Mode::ALL.to_vec() } else { args.modes.into_iter().map(Mode::from).collect() };
+    let modes = if args.modes.is_empty() { Mode::ALL.to_vec() } else { args.modes };
     let mut rows = Vec::new();
     for mode in modes {
         if let (Mode::FullSpace, Some(full)) = (mode, &reference.full) {

@@ -4,7 +4,6 @@ use crate::pipeline::{describe, load_scene, prepare, reference, use_threads};
 use crate::progress::Bars;
 use crate::report::{picture, print_stages, print_table, run_json, write_beside};
 use anyhow::{Context, Result};
-use clap::ValueEnum;
 use hair_bench::picture::contact_sheet;
 use hair_bench::run::{Mode, run as run_mode};
 use hair_bench::world::World;
@@ -12,44 +11,16 @@ use io_formats::usd::{CurvesLook, UsdaTiming, UsdaWriter};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
-/// Modes on the command line.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum ModeArg {
-    /// The whole method.
-    Adaptive,
-    /// Each hair's best-trained set at all times; same guides, same guide contact, no two-way forces.
-    Fixed,
-    /// Hairs do not push back on guides.
-    NoTwoWay,
-    /// No correction of single strands near solids.
-    NoResidual,
-    /// The paper to the letter.
-    Paper,
-    /// Every strand simulated.
-    FullSpace,
-}
-
-impl From<ModeArg> for Mode {
-    fn from(mode: ModeArg) -> Self {
-        match mode {
-            ModeArg::Adaptive => Self::Adaptive,
-            ModeArg::Fixed => Self::Fixed,
-            ModeArg::NoTwoWay => Self::NoTwoWay,
-            ModeArg::NoResidual => Self::NoResidual,
-            ModeArg::Paper => Self::Paper,
-            ModeArg::FullSpace => Self::FullSpace,
-        }
-    }
-}
-
 /// Options of `xtask run-scene`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// A scene (.toml; see docs/SCENE.md), or a built-in one: salon.
     scene: String,
-    /// How the hair is moved.
-    #[arg(long, value_enum, default_value_t = ModeArg::Adaptive)]
-    mode: ModeArg,
+    /// How the hair is moved: adaptive (the whole method), fixed (each hair's best-trained set at all times; same guides,
+    /// same guide contact, nothing else), no-two-way (hairs do not push back on guides), no-residual (no correction of
+    /// single hairs near solids), paper (to the letter), full-space (every strand simulated).
+    #[arg(long, default_value = "adaptive")]
+    mode: Mode,
     /// Worker threads; 0 uses all cores. The result does not depend on it.
     #[arg(long, default_value_t = 0)]
     threads: usize,
@@ -78,7 +49,7 @@ pub fn run(args: Args) -> Result<()> {
     let world = &prepared.world;
     println!("{}: {}", world.scene.name, describe(world));
     let reference = reference(&prepared, !args.no_reference, &bars)?;
-    let mode = Mode::from(args.mode);
+    let mode = args.mode;
     let folder = args.out.join(&world.scene.name);
     std::fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
 
