@@ -7,9 +7,9 @@
 //! guide set fades out through it. Eight strands are solved side by side.
 
 use crate::params::ResidualParams;
-use collision::MovingSolid;
+use collision::{MovingSolid, PenaltyParams, SegmentContact, penalty_on_segment};
 use multiversion::multiversion;
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 use rayon::prelude::*;
 use strand_sim::lanes::{LANES, Lane, Lane3, ZERO};
 use strand_sim::solve::banded::BandedMatrix;
@@ -30,15 +30,15 @@ const LENGTH_SLACK: f64 = 0.05;
 /// Arc length from the root within which contact with the head is left to the scalp, cm.
 const ROOT_FREE_CM: f64 = 1.0;
 
-/// One strand's part in a batch, as gathered from and returned to the runtime's arrays. World frame.
+/// One strand's part in a batch, as the runtime holds it: slices of `n_particles`.
 pub(crate) struct LaneInput<'a> {
-    pub strand: u32,
-    /// Skinned positions at the start of the step, cm.
-    pub skin_before: &'a dyn Fn(usize) -> Vector3<f64>,
-    /// Skinned positions at its end, cm.
-    pub skin_after: &'a dyn Fn(usize) -> Vector3<f64>,
-    /// Offset and its velocity at the start, cm and cm/s.
-    pub offset: &'a dyn Fn(usize) -> (Vector3<f64>, Vector3<f64>),
+    /// World positions at the start of the step, offset included, cm.
+    pub before: &'a [[f32; 3]],
+    /// Skinned world positions at its end, cm.
+    pub after: &'a [[f32; 3]],
+    /// Offset and its velocity at the start, head frame, cm and cm/s.
+    pub offset: &'a [[f32; 3]],
+    pub offset_velocity: &'a [[f32; 3]],
     /// Rest positions, cm, any frame.
     pub rest: &'a [[f32; 3]],
     /// Whether a solid other than the head may be met in this step; if not, only the offset moves.
@@ -96,6 +96,10 @@ pub(crate) struct ResidualInput<'a> {
     pub head: Option<MovingSolid<'a>>,
     pub params: &'a ResidualParams,
     pub contact: &'a ContactParams,
+    pub material: &'a Material,
+    pub gravity_cm_per_s2: f64,
+    /// Rotation of the head at the start of the step.
+    pub world_from_head_before: UnitQuaternion<f64>,
 }
 
 impl ContactBatch {
@@ -119,20 +123,23 @@ impl ContactBatch {
         }
     }
 
-    fn load(&mut self, lane: usize, input: &LaneInput, material: &Material, gravity: f64) {
+    fn load(&mut self, lane: usize, strand: &LaneInput, input: &ResidualInput) {
         let n = self.before.len();
-        self.near[lane] = input.near;
+        let (material, gravity) = (input.material, input.gravity_cm_per_s2);
+        let wide = |p: [f32; 3]| -> Vector3<f64> { Vector3::from(p).cast() };
+        self.near[lane] = strand.near;
         for i in 0..n {
-            set(&mut self.before[i], lane, (input.skin_before)(i));
-            set(&mut self.after[i], lane, (input.skin_after)(i));
-            let (offset, velocity) = (input.offset)(i);
+            // The offset was kept in the head frame; the step starts at the head's old pose.
+            let offset = input.world_from_head_before * wide(strand.offset[i]);
+            set(&mut self.before[i], lane, wide(strand.before[i]) - offset);
+            set(&mut self.after[i], lane, wide(strand.after[i]));
             set(&mut self.offset[i], lane, offset);
-            set(&mut self.velocity[i], lane, velocity);
+            set(&mut self.velocity[i], lane, input.world_from_head_before * wide(strand.offset_velocity[i]));
         }
         let mut length = 0.0;
         self.first_for_head[lane] = n - 1;
         for j in 0..n - 1 {
-            let d: Vector3<f64> = (Vector3::from(input.rest[j + 1]) - Vector3::from(input.rest[j])).cast();
+            let d = wide(strand.rest[j + 1]) - wide(strand.rest[j]);
             self.rest_length[j][lane] = d.norm();
             length += d.norm();
             if length >= ROOT_FREE_CM {
@@ -173,26 +180,21 @@ impl ContactBatch {
 }
 
 impl HairContact {
-    /// Starts a new step's list of strands.
-    pub(crate) fn begin(&mut self) {
+    /// Starts a new step with its list of strands.
+    pub(crate) fn list(&mut self, n_particles: usize, strands: impl Iterator<Item = u32>) {
         for batch in &mut self.batches[..self.n_used] {
             batch.strands.clear();
         }
         self.n_used = 0;
-    }
-
-    /// Adds a strand to the list.
-    pub(crate) fn push(&mut self, n_particles: usize, input: &LaneInput, material: &Material, gravity: f64) {
-        if self.n_used == 0 || self.batches[self.n_used - 1].strands.len() == LANES {
-            if self.n_used == self.batches.len() {
-                self.batches.push(ContactBatch::new(n_particles));
+        for strand in strands {
+            if self.n_used == 0 || self.batches[self.n_used - 1].strands.len() == LANES {
+                if self.n_used == self.batches.len() {
+                    self.batches.push(ContactBatch::new(n_particles));
+                }
+                self.n_used += 1;
             }
-            self.n_used += 1;
+            self.batches[self.n_used - 1].strands.push(strand);
         }
-        let batch = &mut self.batches[self.n_used - 1];
-        let lane = batch.strands.len();
-        batch.strands.push(input.strand);
-        batch.load(lane, input, material, gravity);
     }
 
     /// The strands of this step with their results, in the order they were added.
@@ -200,13 +202,11 @@ impl HairContact {
         &self.batches[..self.n_used]
     }
 
-    /// Moves all listed strands through the step.
-    pub(crate) fn solve(&mut self, input: &ResidualInput) {
+    /// Moves all listed strands through the step; `strand` gives what the runtime holds of each.
+    pub(crate) fn solve<'s>(&mut self, input: &ResidualInput, strand: impl Fn(u32) -> LaneInput<'s> + Sync) {
         if self.n_used == 0 {
             return;
         }
-        // Only the last batch may have lanes to spare.
-        self.batches[self.n_used - 1].repeat_first_lane();
         let n = self.batches[0].before.len();
         let n_slots = (4 * rayon::current_num_threads()).min(self.n_used);
         let slice = self.n_used.div_ceil(n_slots);
@@ -220,6 +220,10 @@ impl HairContact {
         }
         self.batches[..self.n_used].par_chunks_mut(slice).zip(self.slots.par_iter_mut()).for_each(|(batches, slot)| {
             for batch in batches {
+                for lane in 0..batch.strands.len() {
+                    batch.load(lane, &strand(batch.strands[lane]), input);
+                }
+                batch.repeat_first_lane();
                 step_batch(batch, slot, input);
             }
         });
@@ -279,6 +283,11 @@ fn step_batch(batch: &mut ContactBatch, slot: &mut Slot, input: &ResidualInput) 
                 }
             }
         }
+    }
+    // The bound was measured before the last substep's movement.
+    for lane in 0..batch.strands.len() {
+        let fastest = batch.velocity.iter().map(|v| get(v, lane).norm_squared()).fold(0.0, f64::max).sqrt();
+        batch.clearance[lane] -= h * fastest;
     }
 }
 
@@ -346,27 +355,36 @@ fn find(
     }
 }
 
-/// Penalty forces (dyn) on a strand that is not corrected, from how deep it lies in the solids at the end of the step;
-/// returns whether there are any. `forces` has one entry per particle and is overwritten.
-/// Implements AS16 §5.1 along segments, the force shared by a segment's ends.
+/// Penalty forces (dyn) on a strand that is not corrected, from how deep it lies in the solids at the end of the step and
+/// how fast it goes on; returns whether there are any. `forces` has one entry per particle and is overwritten.
+/// Implements AS16 §5.1 along segments, by [`collision::penalty`].
 pub(crate) fn penalty_forces(
-    positions: &[[f32; 3]],
+    now: &[[f32; 3]],
+    before: &[[f32; 3]],
     solids: &[MovingSolid],
     stiffness: f64,
+    dt: f64,
     params: &ContactParams,
     forces: &mut [Vector3<f64>],
 ) -> bool {
     forces.fill(Vector3::zeros());
+    // Damping that stops in one step what the stiffness pushes back in one.
+    let penalty = PenaltyParams { stiffness: stiffness as f32, damping: (stiffness * dt) as f32, skin: 0.0 };
     let mut any = false;
     for moving in solids {
-        let at = |i: usize| Vector3::from(positions[i]).cast::<f64>();
-        near_points(N_FIXED - 1..positions.len(), at, moving, &moving.pose.to, params, |near| {
-            if near.gap < 0.0 {
-                let force = near.normal * (-stiffness * near.gap);
-                forces[near.segment] += force * (1.0 - near.s);
-                forces[near.segment + 1] += force * near.s;
-                any = true;
-            }
+        let at = |i: usize| Vector3::from(now[i]).cast::<f64>();
+        let velocity = |i: usize| {
+            let own = (Vector3::from(now[i]) - Vector3::from(before[i])) / dt as f32;
+            own - moving.pose.velocity_at(at(i), dt).cast::<f32>()
+        };
+        near_points(N_FIXED - 1..now.len(), at, moving, &moving.pose.to, params, |near| {
+            let (a, b) = (near.segment, near.segment + 1);
+            let contact =
+                SegmentContact { s: near.s as f32, distance: near.gap as f32, normal: near.normal.cast::<f32>() };
+            let force = penalty_on_segment(&contact, velocity(a), velocity(b), &penalty);
+            forces[a] += force.on_a.cast::<f64>();
+            forces[b] += force.on_b.cast::<f64>();
+            any |= force.normal_force > 0.0;
         });
     }
     any

@@ -10,6 +10,7 @@ use crate::interpolate::{ActiveSet, padded};
 use crate::params::RuntimeParams;
 use crate::two_way::{ContactRow, TwoWay};
 use collision::Solid;
+use collision::cull::DistanceBound;
 use io_formats::skinning_model::SkinningModel;
 use nalgebra::{Isometry3, Point3, Vector3};
 use strand_sim::Material;
@@ -26,8 +27,8 @@ pub(crate) struct Strand {
     pub listed: bool,
     /// Whether it may meet a solid in this step.
     pub near: bool,
-    /// Lower bound of the distance to any solid but the head, cm; negative until measured.
-    pub clearance: f32,
+    /// Lower bound of the distance to any solid but the head.
+    pub clearance: DistanceBound,
 }
 
 /// Hair of one head: a skinning model in motion among solids.
@@ -104,7 +105,14 @@ impl Runtime {
             .map(|s| {
                 let set = best_set(&model, s);
                 let active_set = decode(&model, s, set);
-                Strand { set, active_set, has_offset: false, listed: false, near: false, clearance: -1.0 }
+                Strand {
+                    set,
+                    active_set,
+                    has_offset: false,
+                    listed: false,
+                    near: false,
+                    clearance: DistanceBound::unknown(),
+                }
             })
             .collect();
         let mut rest = Vec::with_capacity(n_strands * 3 * pad);

@@ -8,6 +8,7 @@ use crate::params::TwoWayParams;
 use crate::runtime::{Runtime, Strand, Worker, to_world};
 use crate::timings::{StageTimings, timed};
 use crate::two_way::ContactRow;
+use collision::cull::DistanceBound;
 use collision::{MovingSolid, SolidPose};
 use io_formats::skinning_model::SkinningModel;
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -181,43 +182,44 @@ impl Runtime {
         report: &mut StepReport,
     ) {
         let n = self.n_particles();
-        let before_from_head = self.world_from_head.rotation;
-        let after_from_head = input.world_from_head.rotation;
-        let gravity = self.params.guides.gravity.norm();
         self.spare_rows.append(&mut self.contact_rows);
-        self.hair_contact.begin();
         // Strands near a solid first: a batch without any of them takes a single substep.
+        let strands = &self.strands;
         let listed = |near: bool| {
-            self.strands.iter().enumerate().filter(move |(_, strand)| strand.listed && strand.near == near)
+            let wanted = move |strand: &Strand| strand.listed && strand.near == near;
+            (0..strands.len() as u32).filter(move |&s| wanted(&strands[s as usize]))
         };
-        for (s, strand) in listed(true).chain(listed(false)) {
-            let of = s * n;
-            let world = |p: [f32; 3]| -> Vector3<f64> { Vector3::from(p).cast() };
-            // The offset was kept in the head frame; the step starts at the head's old pose.
-            let offset = |i: usize| before_from_head * world(self.offset[of + i]);
-            let lane = LaneInput {
-                strand: s as u32,
-                skin_before: &|i| world(self.previous[of + i]) - offset(i),
-                skin_after: &|i| world(self.positions[of + i]),
-                offset: &|i| (offset(i), before_from_head * world(self.offset_velocity[of + i])),
-                rest: self.model.rest_of(s),
-                near: strand.near,
-            };
-            self.hair_contact.push(n, &lane, &self.material, gravity);
-        }
-        self.hair_contact.solve(&ResidualInput {
+        self.hair_contact.list(n, listed(true).chain(listed(false)));
+        let (before, after) = (&self.previous, &self.positions);
+        let (offset, offset_velocity, model) = (&self.offset, &self.offset_velocity, &self.model);
+        let residual = ResidualInput {
             dt: input.dt,
             solids: moving,
             head,
             params: &self.params.residual,
             contact: &self.params.guides.contact,
+            material: &self.material,
+            gravity_cm_per_s2: self.params.guides.gravity.norm(),
+            world_from_head_before: self.world_from_head.rotation,
+        };
+        self.hair_contact.solve(&residual, |s| {
+            let of = s as usize * n..(s as usize + 1) * n;
+            LaneInput {
+                before: &before[of.clone()],
+                after: &after[of.clone()],
+                offset: &offset[of.clone()],
+                offset_velocity: &offset_velocity[of],
+                rest: model.rest_of(s as usize),
+                near: strands[s as usize].near,
+            }
         });
         if !self.params.residual.contact && self.params.two_way.enabled {
             for (s, _) in self.strands.iter().enumerate().filter(|(_, strand)| strand.near) {
                 let mut row = take_row(&mut self.spare_rows, s as u32, n);
-                let positions = &self.positions[s * n..(s + 1) * n];
+                let (now, before) = (&self.positions[s * n..(s + 1) * n], &self.previous[s * n..(s + 1) * n]);
                 let stiffness = penalty_stiffness(&self.model, &self.material, &self.params.two_way, s, input.dt);
-                if penalty_forces(positions, moving, stiffness, &self.params.guides.contact, &mut row.forces) {
+                let contact = &self.params.guides.contact;
+                if penalty_forces(now, before, moving, stiffness, input.dt, contact, &mut row.forces) {
                     report.strands_in_contact += 1;
                     self.contact_rows.push(row);
                 } else {
@@ -225,7 +227,7 @@ impl Runtime {
                 }
             }
         }
-        let head_from_world = after_from_head.inverse();
+        let head_from_world = input.world_from_head.rotation.inverse();
         for batch in self.hair_contact.batches() {
             report.corrected_strands += batch.strands.len() as u32;
             for (lane, &s) in batch.strands.iter().enumerate() {
@@ -250,7 +252,7 @@ impl Runtime {
                     self.offset_velocity[of + i] = (head_from_world * v).cast::<f32>().into();
                 }
                 if strand.near && self.params.residual.contact {
-                    strand.clearance = batch.clearance[lane] as f32;
+                    strand.clearance = DistanceBound::at_least(batch.clearance[lane] as f32);
                 }
                 if largest.sqrt() < self.params.residual.rest_cm && !batch.touched[lane] {
                     // What is dropped here is below what a position can show.
@@ -388,19 +390,19 @@ impl Pass<'_> {
         if self.params.residual.contact || self.params.two_way.enabled {
             // A distance changes by no more than strand and solid have moved since it was measured. The offset moves at
             // most as far as it is long, and is measured anew while it is there.
-            strand.clearance -= moved.sqrt() + self.moved_by_solids;
+            strand.clearance.moved(moved.sqrt(), self.moved_by_solids);
             let carried = offset.iter().map(|d| d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).fold(0.0, f32::max).sqrt();
             let reach = self.params.guides.contact.reach() as f32 + carried;
-            if strand.clearance < reach {
+            if !strand.clearance.clears(reach) {
                 strand.clearance = self.measure_clearance(positions);
-                strand.near = strand.clearance < reach;
+                strand.near = !strand.clearance.clears(reach);
             }
         }
         strand.listed = strand.has_offset || (strand.near && self.params.residual.contact);
     }
 
     /// Lower bound of a strand's distance to any solid at the end of the step, cm.
-    fn measure_clearance(&self, positions: &[[f32; 3]]) -> f32 {
+    fn measure_clearance(&self, positions: &[[f32; 3]]) -> DistanceBound {
         let mut least = f32::INFINITY;
         for moving in self.moving {
             let solid_from_world = moving.pose.to.inverse();
@@ -416,6 +418,6 @@ impl Pass<'_> {
                 before = Some((x, d));
             }
         }
-        least
+        DistanceBound::at_least(least)
     }
 }

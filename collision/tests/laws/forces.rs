@@ -76,7 +76,7 @@ fn a_strand_cleared_by_its_bound_is_outside_after_any_such_movement() {
     let mut cleared = 0;
     for _ in 0..5_000 {
         let p = unit(&mut random) * random.between(1.0, 3.0);
-        let mut bound = DistanceBound::from_samples(&ball.sdf, ball.sdf.distance(p), 0.0);
+        let mut bound = DistanceBound::at_least(ball.sdf.lower_bound(p));
         let (strand, solid) = (random.between(0.0, 0.5), random.between(0.0, 0.5));
         bound.moved(strand, solid);
         if bound.clears(0.0) {
