@@ -34,9 +34,6 @@ pub struct Scene {
     /// Pictures and cache frames per second; default 24.
     #[serde(default = "raw::fps")]
     pub fps: f64,
-    /// Seed of everything random in the run; default 1.
-    #[serde(default = "raw::seed")]
-    pub seed: u64,
     /// The hair; required.
     pub groom: GroomSpec,
     /// The head; default the built-in head, at rest.
@@ -293,7 +290,7 @@ pub struct TrainSpec {
     pub sparsity: f64,
     /// epsilon of AS16 Algorithm 2: guides of less weight make a set superfluous; default 0.01.
     pub min_weight: f64,
-    /// Seconds of one further sequence kept out of training, to measure error on; default 4.
+    /// Seconds of one further sequence, kept out of training, that `train` measures the model's error on; default 4.
     pub held_out_seconds: f64,
 }
 

@@ -52,7 +52,7 @@ fn the_documented_examples_are_valid() {
 #[test]
 fn defaults_are_those_documented() {
     let s = scene(SMALLEST).unwrap();
-    assert_eq!((s.seconds, s.step_s, s.fps, s.seed), (4.0, 0.01, 24.0, 1));
+    assert_eq!((s.seconds, s.step_s, s.fps), (4.0, 0.01, 24.0));
     assert_eq!((s.groom.particles, s.groom.guides, s.groom.max_eligible), (25, 100, 9));
     assert!(!s.groom.drop_degenerate && s.solids.is_empty());
     assert_eq!((s.head.shape.clone(), s.head.motion.clone()), (HeadShape::Builtin, MotionSpec::Still));

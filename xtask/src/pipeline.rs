@@ -7,7 +7,7 @@ use crate::progress::Bars;
 use anyhow::{Context, Result, bail};
 use hair_bench::full_space::{FullSpace, settle};
 use hair_bench::head_motion::{HeadMotionParams, random_head_motion};
-use hair_bench::run::{Mode, Reference, RunResult, blind_reach, run};
+use hair_bench::run::{ErrorPct, Mode, Reference, RunResult, blind_reach, replayed_error, run};
 use hair_bench::world::World;
 use io_formats::frames::{FrameInfo, FrameSource, FrameStore, FrameStoreWriter};
 use io_formats::groom::UniformGroom;
@@ -226,6 +226,23 @@ fn recorded(
     bar.finish_and_clear();
     writer.finish()?;
     Ok(FrameStore::open(path)?)
+}
+
+/// Error of skinning alone on the scene's held-out head motion; `None` if the scene asks for none.
+pub fn held_out_error(prepared: &Prepared, bars: &Bars) -> Result<Option<ErrorPct>> {
+    let (world, spec) = (&prepared.world, &prepared.world.scene.train);
+    if spec.held_out_seconds == 0.0 {
+        return Ok(None);
+    }
+    // Sequences of training are counted from zero.
+    let sequence = spec.sequences as u64;
+    let motion = random_head_motion(spec.seed, sequence, spec.held_out_seconds, &HeadMotionParams::lively());
+    let bar = bars.bar("held-out motion", (spec.held_out_seconds / world.scene.step_s).round() as u64);
+    let error = replayed_error(world, &prepared.model, &motion, spec.held_out_seconds, spec.fps, |s| {
+        bar.set_position(s as u64);
+    })?;
+    bar.finish_and_clear();
+    Ok(Some(error))
 }
 
 /// What of a [`Reference`] is kept beside its frames.

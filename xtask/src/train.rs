@@ -1,10 +1,11 @@
 //! `xtask train`: a skinning model for a groom or scene.
 
-use crate::pipeline::{describe, load_scene, prepare};
+use crate::pipeline::{describe, held_out_error, load_scene, prepare};
 use crate::progress::Bars;
 use crate::report::write_beside;
 use anyhow::Result;
 use serde_json::json;
+use skinning_train::TrainReport;
 use std::path::PathBuf;
 
 /// Options of `xtask train`.
@@ -51,7 +52,7 @@ pub fn run(args: Args) -> Result<()> {
             for (stage, seconds) in &report.stage_seconds {
                 println!("  {stage:<20} {seconds:>8.2} s");
             }
-            println!("{report:#?}");
+            print_report(report);
             figures["stages"] = report.stage_seconds.iter().map(|(n, s)| ((*n).to_owned(), json!(s))).collect();
             figures["fit_cm"] = json!(report.fit.quadratic_cm);
             figures["fit_linear_cm"] = json!(report.fit.linear_cm);
@@ -59,6 +60,14 @@ pub fn run(args: Args) -> Result<()> {
             figures["mean_kept_sets"] = json!(report.mean_kept_sets);
             figures["lost_energy"] = json!(report.lost_energy);
         }
+    }
+    if let Some(error) = held_out_error(&prepared, &bars)? {
+        println!(
+            "held-out head motion, guides replayed: error {:.2} % of hair length; rigid hair {:.2} %",
+            error.all, error.rigid
+        );
+        figures["held_out_error_pct"] = json!(error.all);
+        figures["held_out_rigid_error_pct"] = json!(error.rigid);
     }
     if let Some(path) = &args.model {
         model.save(path)?;
@@ -68,4 +77,28 @@ pub fn run(args: Args) -> Result<()> {
         write_beside(path, serde_json::to_string_pretty(&figures)?.as_bytes())?;
     }
     Ok(())
+}
+
+/// The figures of training that tell whether it went well.
+fn print_report(report: &TrainReport) {
+    let fit = &report.fit;
+    println!(
+        "{} frames, reduced to {} dimensions losing {:.1e} of the energy",
+        report.n_frames, report.rank, report.lost_energy
+    );
+    println!("{:.1} eligible guides and {:.0} kept sets a strand", report.mean_eligible, report.mean_kept_sets);
+    println!(
+        "fit, RMS: {:.3} cm with quadratic weights, {:.3} free, {:.3} linear",
+        fit.quadratic_cm, fit.free_cm, fit.linear_cm
+    );
+    println!(
+        "on {} strands: {:.3} cm, {:.3} with the other blend",
+        report.n_compared, report.compared_chosen.quadratic_cm, report.compared_other.quadratic_cm
+    );
+    println!(
+        "delta {:.1}: {:.1} % of guide pairs connected in training ({:.1} % with the paper's constants)",
+        report.max_distance,
+        100.0 * report.connected,
+        100.0 * report.connected_paper
+    );
 }
