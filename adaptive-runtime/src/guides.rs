@@ -84,9 +84,14 @@ impl Guides {
         })
     }
 
-    pub(crate) fn step(&mut self, input: &StepInput, params: &StepParams) -> StepReport {
+    pub(crate) fn step(
+        &mut self,
+        input: &StepInput,
+        world_from_head: &Isometry3<f64>,
+        params: &StepParams,
+    ) -> StepReport {
         let report = self.system.step(&mut self.state, input, params, &mut self.workspace);
-        let head_from_world = input.world_from_head_after.inverse();
+        let head_from_world = world_from_head.inverse();
         let n = self.n_particles;
         let (position, velocity) = (&mut self.position_in_head, &mut self.velocity_in_head);
         self.system.read(&self.state, |guide, i, world, _| {

@@ -143,9 +143,6 @@ impl RuntimeParams {
     /// [`Error::BadParameter`] names the first field out of range.
     pub fn validate(&self) -> Result<(), Error> {
         let bad = |name, value, expected| Err(Error::BadParameter { name, value, expected });
-        if self.guides.substeps == 0 {
-            return bad("guides.substeps", 0.0, "at least one");
-        }
         if self.residual.max_substeps == 0 {
             return bad("residual.max_substeps", 0.0, "at least one");
         }

@@ -76,14 +76,9 @@ impl Runtime {
         let guide_report = timed(&mut report.timings.guide_sim, || {
             let mut all: Vec<MovingSolid> = moving.clone();
             all.extend(moving_head);
-            let step = strand_sim::StepInput {
-                dt: input.dt,
-                world_from_head_before: self.world_from_head,
-                world_from_head_after: input.world_from_head,
-                solids: &all,
-                forces: &self.two_way.forces,
-            };
-            self.guides.step(&step, &self.params.guides)
+            let carried = strand_sim::StepInput::carried(input.dt, self.world_from_head, input.world_from_head);
+            let step = strand_sim::StepInput { solids: &all, forces: &self.two_way.forces, ..carried };
+            self.guides.step(&step, &input.world_from_head, &self.params.guides)
         });
         report.guide_contacts = guide_report.contacts;
         report.quarantined += guide_report.quarantined;

@@ -72,13 +72,8 @@ impl FullSpace {
 
     /// Advances all strands; `solids` includes the head.
     pub fn step(&mut self, dt: f64, world_from_head: &Isometry3<f64>, solids: &[MovingSolid]) -> StepReport {
-        let input = StepInput {
-            dt,
-            world_from_head_before: self.world_from_head,
-            world_from_head_after: *world_from_head,
-            solids,
-            forces: &[],
-        };
+        let carried = StepInput::carried(dt, self.world_from_head, *world_from_head);
+        let input = StepInput { solids, ..carried };
         self.world_from_head = *world_from_head;
         self.system.step(&mut self.state, &input, &self.params, &mut self.workspace)
     }

@@ -4,9 +4,9 @@
 //! deepest point of a segment acts on its two ends by barycentric weight. The penalty is k n nᵀ on two neighbouring
 //! particles, so it stays within the band and its stiffness is bounded by accuracy, not by the step.
 
-use crate::lanes::{Lane, Lane3};
+use crate::lanes::{LANES, Lane, Lane3};
 use crate::solve::banded::BandedMatrix;
-use crate::step::{StepInput, StepParams};
+use crate::step::{Span, StepInput, Work};
 use crate::system::{Batch, BatchState, StrandSystem, get, set};
 use collision::MovingSolid;
 use collision::deepest_on_segment;
@@ -122,55 +122,52 @@ impl ContactParams {
 }
 
 impl StrandSystem {
-    /// Finds the contacts of all lanes at the solids' poses at the end of the substep `span` (fractions of the step).
+    /// Finds the contacts of all lanes at the solids' poses at the end of a substep.
     pub(crate) fn find_contacts(
         &self,
         batch: &Batch,
         state: &mut BatchState,
         input: &StepInput,
-        params: &StepParams,
-        span: (f64, f64),
-        h: f64,
-        contacts: &mut Vec<Contact>,
+        params: &ContactParams,
+        span: Span,
+        work: &mut Work,
     ) {
+        if state.clearance.len() != input.solids.len() {
+            state.clearance.clear();
+            // Nothing is known of a new solid: its distance bound starts below zero.
+            state.clearance.resize(input.solids.len(), [-1.0; LANES]);
+        }
         let topology = &self.topologies[batch.topology];
         let (first, n_kin) = (topology.first_free_main(), topology.n_kinematic);
-        let contact = &params.contact;
         for (k, moving) in input.solids.iter().enumerate() {
-            let world_from_solid = moving.pose.at(span.1);
-            let by_solid = moving.max_displacement() * (span.1 - span.0);
+            let world_from_solid = moving.pose.at(span.end);
+            let by_solid = moving.max_displacement() * (span.end - span.begin);
             for lane in 0..batch.strands.len() {
-                if state.clearance[k][lane] - by_solid > contact.reach() {
+                if state.clearance[k][lane] - by_solid > params.reach() {
                     continue;
                 }
                 let position = |i: usize| get(&state.position[topology.rig_of_main(i)], lane);
-                let clear = near_points(first..self.n_main, position, moving, &world_from_solid, contact, |near| {
+                let clear = near_points(first..self.n_main, position, moving, &world_from_solid, params, |near| {
                     let ends = [topology.rig_of_main(near.segment), topology.rig_of_main(near.segment + 1)];
                     let at = |of: &[Lane3]| near.between(get(&of[ends[0]], lane), get(&of[ends[1]], lane));
                     let solid_velocity = moving.pose.velocity_at(at(&state.position), input.dt);
+                    let velocity = at(&state.velocity);
                     let mass = batch.mass[ends[1]][lane];
                     let friction = f64::from(moving.solid.friction);
-                    if let Some(mut found) = Contact::closing(
-                        &near,
-                        lane,
-                        ends,
-                        at(&state.velocity),
-                        solid_velocity,
-                        friction,
-                        mass,
-                        h,
-                        contact,
-                    ) {
+                    if let Some(mut found) =
+                        Contact::closing(&near, lane, ends, velocity, solid_velocity, friction, mass, span.h, params)
+                    {
                         if ends[0] < n_kin {
-                            found.known = get(&state.velocity[ends[0]], lane) * found.weight[0];
+                            found.known = work.known_velocity(ends[0], lane) * found.weight[0];
                         }
-                        contacts.push(found);
+                        work.add_contact(found);
                     }
                 });
                 // The bound is as of before this substep's movement, which is subtracted with the rest.
                 state.clearance[k][lane] = clear + by_solid;
             }
         }
+        work.sort_contacts();
     }
 }
 

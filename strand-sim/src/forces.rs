@@ -1,30 +1,37 @@
 //! Linearly implicit spring forces of a batch (MS08 §4.1).
 //!
-//! A spring's direction d is frozen at the start of the step, so its elastic force is linear in the new positions and the
-//! implicit term projects on d only. Frozen directions leave the turning of a taut spring explicit, which bounds the step
-//! by the time a transverse wave takes to cross one segment; the positive part of the geometric stiffness,
+//! A spring's direction d is frozen where the solve starts from, so its elastic force is linear in the new positions and
+//! the implicit term projects on d only. Frozen directions leave the turning of a taut spring explicit, which bounds the
+//! step by the time a transverse wave takes to cross one segment; the positive part of the geometric stiffness,
 //! max(T, 0)/l (I - ddᵀ), removes that bound, keeps the band and stays positive definite (docs/DEVIATIONS.md).
 
 use crate::lanes::{LANES, Lane, Lane3, ZERO};
-use crate::rig::{Spring, Topology};
-use crate::solve::banded::{BandedMatrix, Block};
 
 /// Shortest spring length divided by, cm: a collapsed spring has no direction and exerts no force.
 const SHORTEST_CM: f64 = 1e-9;
+
+/// What of the springs' stiffness a solve takes into its matrix.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Implicit {
+    /// 1 to take the elastic forces at the new positions, 0 to take them where the solve starts from.
+    pub elastic: f64,
+    /// 1 to add the positive geometric stiffness, 0 for MS08 to the letter.
+    pub geometric: f64,
+}
 
 /// A spring's linearisation in every lane.
 pub(crate) struct Linearised {
     /// Unit direction from `a` to `b`.
     pub direction: Lane3,
-    /// Tension at the old positions, dyn; negative pushes.
-    pub tension: Lane,
-    /// Impulse per relative velocity along the direction, g.
+    /// Force on `a`, and against it on `b`, at the start of the solve, dyn.
+    pub force: Lane3,
+    /// Impulse per relative velocity along the direction, g; what it has beyond `around`.
     pub along: Lane,
-    /// Impulse per relative velocity in every direction, g; `along` is what the direction has beyond it.
+    /// Impulse per relative velocity in every direction, g.
     pub around: Lane,
 }
 
-/// Linearises one spring over a step of `dt`.
+/// Linearises one spring between `from` and `to` over a solve of `h` seconds.
 /// Implements MS08 §4.1: F = -(k/l0)(d·(x_b - x_a) - l0) d at the new positions with d of the old.
 #[inline(always)]
 pub(crate) fn linearise(
@@ -33,83 +40,51 @@ pub(crate) fn linearise(
     stiffness: &Lane,
     inv_rest_length: &Lane,
     damping: &Lane,
-    dt: f64,
+    h: f64,
+    implicit: Implicit,
 ) -> Linearised {
-    let mut out = Linearised { direction: [ZERO; 3], tension: ZERO, along: ZERO, around: ZERO };
+    let mut out = Linearised { direction: [ZERO; 3], force: [ZERO; 3], along: ZERO, around: ZERO };
     for l in 0..LANES {
         let (ex, ey, ez) = (to[0][l] - from[0][l], to[1][l] - from[1][l], to[2][l] - from[2][l]);
         let length = ex.mul_add(ex, ey.mul_add(ey, ez * ez)).sqrt();
         let inv = 1.0 / length.max(SHORTEST_CM);
-        out.direction[0][l] = ex * inv;
-        out.direction[1][l] = ey * inv;
-        out.direction[2][l] = ez * inv;
+        let d = [ex * inv, ey * inv, ez * inv];
         let tension = stiffness[l] * length.mul_add(inv_rest_length[l], -1.0);
-        let geometric = dt * tension.max(0.0) * inv;
-        out.tension[l] = tension;
-        out.along[l] = dt * (dt.mul_add(stiffness[l] * inv_rest_length[l], damping[l]) - geometric);
-        out.around[l] = dt * geometric;
+        let elastic = implicit.elastic * h;
+        let geometric = implicit.geometric * elastic * tension.max(0.0) * inv;
+        for c in 0..3 {
+            out.direction[c][l] = d[c];
+            out.force[c][l] = tension * d[c];
+        }
+        out.along[l] = h * (elastic.mul_add(stiffness[l] * inv_rest_length[l], damping[l]) - geometric);
+        out.around[l] = h * geometric;
     }
     out
 }
 
-/// Adds a spring to the matrix and the right side. `velocity` is read for the kinematic particles only.
+/// As [`linearise`], with directions and geometric stiffness of a better guess of the new positions than the start:
+/// the next Newton iteration, its directions refrozen at `guess_from` and `guess_to`.
 #[inline(always)]
-pub(crate) fn add_spring(
-    topology: &Topology,
-    spring: Spring,
-    s: &Linearised,
-    dt: f64,
-    velocity: &[Lane3],
-    matrix: &mut BandedMatrix,
-    rhs: &mut [Lane],
-) {
-    let n_kin = topology.n_kinematic;
-    if spring.b < n_kin {
-        return;
-    }
-    let b = spring.b - n_kin;
-    // along·ddᵀ + around·I
-    let mut block = [ZERO; 9];
-    for p in 0..3 {
-        for q in 0..3 {
-            for l in 0..LANES {
-                let product = s.along[l] * s.direction[p][l] * s.direction[q][l];
-                block[3 * p + q][l] = if p == q { product + s.around[l] } else { product };
-            }
+pub(crate) fn linearise_at(
+    [from, to]: [&Lane3; 2],
+    [guess_from, guess_to]: [&Lane3; 2],
+    stiffness: &Lane,
+    inv_rest_length: &Lane,
+    damping: &Lane,
+    h: f64,
+    implicit: Implicit,
+) -> Linearised {
+    let mut out = linearise(guess_from, guess_to, stiffness, inv_rest_length, damping, h, implicit);
+    for l in 0..LANES {
+        let e: [f64; 3] = std::array::from_fn(|c| to[c][l] - from[c][l]);
+        let d: [f64; 3] = std::array::from_fn(|c| out.direction[c][l]);
+        let along = e[0].mul_add(d[0], e[1].mul_add(d[1], e[2] * d[2]));
+        let tension = stiffness[l] * along.mul_add(inv_rest_length[l], -1.0);
+        // What the geometric stiffness adds between the start and the guess.
+        let around = out.around[l] / (h * h);
+        for c in 0..3 {
+            out.force[c][l] = tension.mul_add(d[c], around * (e[c] - along * d[c]));
         }
     }
-    accumulate(matrix.block(b, b), &block, 1.0);
-    for p in 0..3 {
-        for l in 0..LANES {
-            rhs[3 * b + p][l] -= dt * s.tension[l] * s.direction[p][l];
-        }
-    }
-    if spring.a < n_kin {
-        // The near end's new velocity is prescribed: its column moves to the right side.
-        for p in 0..3 {
-            for q in 0..3 {
-                for l in 0..LANES {
-                    rhs[3 * b + p][l] = block[3 * p + q][l].mul_add(velocity[spring.a][q][l], rhs[3 * b + p][l]);
-                }
-            }
-        }
-        return;
-    }
-    let a = spring.a - n_kin;
-    accumulate(matrix.block(a, a), &block, 1.0);
-    accumulate(matrix.block(b, a), &block, -1.0);
-    for p in 0..3 {
-        for l in 0..LANES {
-            rhs[3 * a + p][l] += dt * s.tension[l] * s.direction[p][l];
-        }
-    }
-}
-
-#[inline(always)]
-fn accumulate(target: &mut Block, block: &Block, sign: f64) {
-    for e in 0..9 {
-        for l in 0..LANES {
-            target[e][l] = sign.mul_add(block[e][l], target[e][l]);
-        }
-    }
+    out
 }

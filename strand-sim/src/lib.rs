@@ -13,26 +13,30 @@
 //! let params = StepParams::standard();
 //! let head = Isometry3::identity();
 //! let mut state = system.rest_state(&head);
-//! let input =
-//!     StepInput { dt: 0.01, world_from_head_before: head, world_from_head_after: head, solids: &[], forces: &[] };
-//! let report = system.step(&mut state, &input, &params, &mut StepWorkspace::default());
+//! let report = system.step(&mut state, &StepInput::still(0.01, head), &params, &mut StepWorkspace::default());
 //! assert_eq!(report.quarantined, 0);
 //! # Ok::<(), strand_sim::Error>(())
 //! ```
 
 mod body_contact;
+mod drive;
 mod error;
 mod forces;
+mod implicit;
 pub mod lanes;
 mod material;
 pub mod rig;
 pub mod solve;
 mod step;
+mod step_size;
 mod strain_limit;
 mod system;
+pub mod wind;
 
 pub use body_contact::{Contact, ContactParams, NearPoint, near_points};
+pub use drive::{Drive, RootMotion};
 pub use error::Error;
 pub use material::Material;
-pub use step::{StepInput, StepParams, StepReport, StepWorkspace};
+pub use step::{Scheme, StepInput, StepParams, StepReport, StepWorkspace};
+pub use step_size::Substeps;
 pub use system::{MIN_LENGTH_CM, StrandState, StrandSystem};

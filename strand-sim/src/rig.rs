@@ -1,8 +1,9 @@
 //! The springs of a strand (MS08 §3.2, Fig. 7): which particles exist, which pairs are joined, and how strongly.
 //!
-//! Curly hair uses its own particles; straight hair gets one perturbed particle beside every segment, since collinear
-//! particles can represent neither bending nor twist. Particles are stored in strand order with the perturbed ones
-//! interleaved, so every spring joins particles at most four places apart and a strand's matrix is banded.
+//! A strand is a strip of triangles, every three consecutive rig particles one of them. Where the hair is curly its own
+//! particles make the strip; where it is straight they are collinear and can represent neither bending nor twist, so a
+//! perturbed particle stands beside every segment there. Particles are stored in strip order, so every spring joins
+//! particles at most four places apart and a strand's matrix is banded.
 
 pub mod perturb;
 
@@ -19,6 +20,9 @@ pub enum SpringKind {
     Torsion,
 }
 
+/// Kinds of spring.
+pub const N_KINDS: usize = 3;
+
 /// A spring between rig particles `a < b`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Spring {
@@ -30,100 +34,132 @@ pub struct Spring {
     pub kind: SpringKind,
 }
 
-/// Which of the two rigs of MS08 Fig. 7 a strand uses.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum RigKind {
-    /// Fig. 7a: no perturbed particles.
-    Curly,
-    /// Fig. 7b: a perturbed particle beside every segment.
-    Straight,
+/// Which segments of a strand have a perturbed particle beside them, one entry a segment from the root.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Perturbed(pub Vec<bool>);
+
+impl Perturbed {
+    /// MS08 Fig. 7a, curly hair: none.
+    #[must_use]
+    pub fn nowhere(n_main: usize) -> Self {
+        Self(vec![false; n_main - 1])
+    }
+
+    /// MS08 Fig. 7b, straight hair: all.
+    #[must_use]
+    pub fn everywhere(n_main: usize) -> Self {
+        Self(vec![true; n_main - 1])
+    }
+
+    /// Perturbed particles.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.0.iter().filter(|&&p| p).count()
+    }
 }
 
-/// The spring network shared by all strands of one rig kind and particle count.
+/// The spring network shared by all strands of one particle count that are perturbed in the same places.
 #[derive(Clone, Debug)]
 pub struct Topology {
-    /// Rig kind.
-    pub kind: RigKind,
+    /// Where perturbed particles stand.
+    pub perturbed: Perturbed,
     /// Particles of the hair itself.
     pub n_main: usize,
     /// All particles, perturbed ones included.
     pub n_rig: usize,
     /// Springs, ordered by their far particle.
     pub springs: Vec<Spring>,
+    /// For each rig particle the end of the run of `springs` whose far particle it is.
+    pub springs_end: Vec<usize>,
     /// Rig particles at the root that move with the scalp: enough to fix position and orientation.
     pub n_kinematic: usize,
     /// Largest `b - a` over all springs.
     pub reach: usize,
+    /// For each rig particle the two of the hair's own particles around it: their difference is the hair's direction there.
+    pub around: Vec<(usize, usize)>,
+    rig_of_main: Vec<usize>,
 }
 
 /// Least number of particles that gives every kind of spring a place beyond the kinematic root.
 pub const MIN_PARTICLES: usize = 5;
 
 impl Topology {
-    /// The network of `n_main` particles, `n_main >= MIN_PARTICLES`.
+    /// The network of a strand of `perturbed.0.len() + 1` particles, at least [`MIN_PARTICLES`].
     #[must_use]
-    pub fn new(kind: RigKind, n_main: usize) -> Self {
+    pub fn new(perturbed: &Perturbed) -> Self {
+        let n_main = perturbed.0.len() + 1;
+        let mut rig_of_main = Vec::with_capacity(n_main);
+        let mut n_rig = 0;
+        for i in 0..n_main {
+            rig_of_main.push(n_rig);
+            n_rig += 1 + usize::from(perturbed.0.get(i) == Some(&true));
+        }
         let mut springs = Vec::new();
         let mut join = |a: usize, b: usize, kind| springs.push(Spring { a, b, kind });
-        let n_segments = n_main - 1;
-        let (n_rig, reach) = match kind {
-            RigKind::Curly => {
-                for (span, kind) in [(1, SpringKind::Edge), (2, SpringKind::Bend), (3, SpringKind::Torsion)] {
-                    for a in 0..n_main - span {
-                        join(a, a + span, kind);
-                    }
-                }
-                (n_main, 3)
-            }
-            RigKind::Straight => {
-                let main = |i: usize| 2 * i;
-                let extra = |j: usize| 2 * j + 1;
-                for j in 0..n_segments {
-                    join(main(j), main(j + 1), SpringKind::Edge);
-                    join(main(j), extra(j), SpringKind::Edge);
-                    join(extra(j), main(j + 1), SpringKind::Edge);
-                    if j + 1 < n_segments {
-                        join(main(j), main(j + 2), SpringKind::Bend);
-                        join(extra(j), extra(j + 1), SpringKind::Bend);
-                        join(main(j), extra(j + 1), SpringKind::Torsion);
-                        join(extra(j), main(j + 2), SpringKind::Torsion);
-                    }
-                }
-                (n_main + n_segments, 4)
-            }
+        let is_main_pair = |a: usize, b: usize, apart: usize| {
+            rig_of_main.binary_search(&a).is_ok_and(|i| rig_of_main.get(i + apart) == Some(&b))
         };
+        for b in 1..n_rig {
+            join(b - 1, b, SpringKind::Edge);
+            if b >= 2 {
+                // The third side of a perturbed triangle is the hair's own segment.
+                let kind = if is_main_pair(b - 2, b, 1) { SpringKind::Edge } else { SpringKind::Bend };
+                join(b - 2, b, kind);
+            }
+            if b >= 3 {
+                let kind = if is_main_pair(b - 3, b, 2) { SpringKind::Bend } else { SpringKind::Torsion };
+                join(b - 3, b, kind);
+            }
+            if b >= 4 && is_main_pair(b - 4, b, 2) {
+                join(b - 4, b, SpringKind::Bend);
+            }
+        }
         springs.sort_by_key(|s| (s.b, s.a));
-        Self { kind, n_main, n_rig, springs, n_kinematic: 3, reach }
+        let springs_end = (0..n_rig).map(|b| springs.partition_point(|s| s.b <= b)).collect();
+        let reach = springs.iter().map(|s| s.b - s.a).max().unwrap_or(0);
+        let mut around = Vec::with_capacity(n_rig);
+        for i in 0..n_main {
+            around.push((rig_of_main[i.saturating_sub(1)], rig_of_main[(i + 1).min(n_main - 1)]));
+            if perturbed.0.get(i) == Some(&true) {
+                around.push((rig_of_main[i], rig_of_main[i + 1]));
+            }
+        }
+        let perturbed = perturbed.clone();
+        Self { perturbed, n_main, n_rig, springs, springs_end, n_kinematic: 3, reach, around, rig_of_main }
+    }
+
+    /// Springs whose far particle is `b`.
+    #[inline]
+    #[must_use]
+    pub fn springs_to(&self, b: usize) -> std::ops::Range<usize> {
+        let start = if b == 0 { 0 } else { self.springs_end[b - 1] };
+        start..self.springs_end[b]
+    }
+
+    /// Tetrahedra of the strip: every four consecutive rig particles, the last of them `last`.
+    #[must_use]
+    pub fn n_tetrahedra(&self) -> usize {
+        self.n_rig - 3
     }
 
     /// Rig index of the hair's `i`-th particle.
+    #[inline]
     #[must_use]
     pub fn rig_of_main(&self, i: usize) -> usize {
-        match self.kind {
-            RigKind::Curly => i,
-            RigKind::Straight => 2 * i,
-        }
+        self.rig_of_main[i]
+    }
+
+    /// Rig index of the perturbed particle beside segment `j`, if there is one.
+    #[inline]
+    #[must_use]
+    pub fn rig_of_perturbed(&self, j: usize) -> Option<usize> {
+        self.perturbed.0[j].then(|| self.rig_of_main[j] + 1)
     }
 
     /// First of the hair's own particles that is free to move.
     #[must_use]
     pub fn first_free_main(&self) -> usize {
-        match self.kind {
-            RigKind::Curly => self.n_kinematic,
-            RigKind::Straight => self.n_kinematic.div_ceil(2),
-        }
-    }
-
-    /// Stiffness (force at strain one, dyn) and damping (dyn·s/cm) of a spring in a strand of spacing `h_cm`.
-    #[must_use]
-    pub fn constants(&self, kind: SpringKind, material: &Material, h_cm: f64) -> (f64, f64) {
-        // EI and GJ of the network go as k·h²; this keeps the fibre the same at every resolution.
-        let per_h2 = 1.0 / (h_cm * h_cm);
-        match kind {
-            SpringKind::Edge => (material.stretch_dyn, material.stretch_damping),
-            SpringKind::Bend => (material.bend_dyn * per_h2, material.bend_damping),
-            SpringKind::Torsion => (material.twist_dyn * per_h2, material.twist_damping),
-        }
+        self.rig_of_main.partition_point(|&p| p < self.n_kinematic)
     }
 
     /// Mass of each rig particle (g) of a strand with spacing `h_cm`. Perturbed particles share the strand's mass: each
@@ -133,19 +169,27 @@ impl Topology {
         let segment = material.linear_density_g_per_cm * h_cm;
         let mut mass = vec![0.0; self.n_rig];
         for j in 0..self.n_main - 1 {
-            match self.kind {
-                RigKind::Curly => {
-                    mass[j] += segment / 2.0;
-                    mass[j + 1] += segment / 2.0;
-                }
-                RigKind::Straight => {
-                    for p in 2 * j..=2 * j + 2 {
-                        mass[p] += segment / 3.0;
-                    }
-                }
+            let of = self.rig_of_main[j]..=self.rig_of_main[j + 1];
+            let share = segment / of.clone().count() as f64;
+            for p in of {
+                mass[p] += share;
             }
         }
         mass
+    }
+}
+
+impl SpringKind {
+    /// Stiffness (force at strain one, dyn) and damping (dyn·s/cm) in a strand of spacing `h_cm`.
+    #[must_use]
+    pub fn constants(self, material: &Material, h_cm: f64) -> (f64, f64) {
+        // EI and GJ of the network go as k·h²; this keeps the fibre the same at every resolution.
+        let per_h2 = 1.0 / (h_cm * h_cm);
+        match self {
+            Self::Edge => (material.stretch_dyn, material.stretch_damping),
+            Self::Bend => (material.bend_dyn * per_h2, material.bend_damping),
+            Self::Torsion => (material.twist_dyn * per_h2, material.twist_damping),
+        }
     }
 }
 
@@ -153,24 +197,53 @@ impl Topology {
 mod tests {
     use super::*;
 
+    fn shapes() -> Vec<Perturbed> {
+        let partly = Perturbed((0..24).map(|j| (6..12).contains(&j)).collect());
+        vec![Perturbed::nowhere(25), Perturbed::everywhere(25), partly]
+    }
+
     #[test]
-    fn springs_span_at_most_the_stated_reach() {
-        for kind in [RigKind::Curly, RigKind::Straight] {
-            let topology = Topology::new(kind, 25);
-            assert_eq!(topology.springs.iter().map(|s| s.b - s.a).max(), Some(topology.reach));
+    fn springs_span_at_most_four_places() {
+        for perturbed in shapes() {
+            let topology = Topology::new(&perturbed);
+            assert!(topology.reach <= 4 && topology.springs.iter().all(|s| s.a < s.b && s.b - s.a <= topology.reach));
         }
     }
 
     #[test]
     fn a_straight_rig_of_25_particles_has_49() {
-        assert_eq!(Topology::new(RigKind::Straight, 25).n_rig, 49);
+        assert_eq!(Topology::new(&Perturbed::everywhere(25)).n_rig, 49);
+    }
+
+    #[test]
+    fn perturbed_particles_stand_only_where_asked() {
+        let topology = Topology::new(&shapes()[2]);
+        assert_eq!(topology.n_rig, 25 + 6);
+        for j in 0..24 {
+            assert_eq!(topology.rig_of_perturbed(j).is_some(), (6..12).contains(&j), "segment {j}");
+        }
+    }
+
+    #[test]
+    fn every_segment_is_an_edge_and_every_second_neighbour_a_bend_exactly_once() {
+        for perturbed in shapes() {
+            let t = Topology::new(&perturbed);
+            for (apart, kind) in [(1, SpringKind::Edge), (2, SpringKind::Bend)] {
+                for i in 0..t.n_main - apart {
+                    let (a, b) = (t.rig_of_main(i), t.rig_of_main(i + apart));
+                    let found: Vec<_> = t.springs.iter().filter(|s| (s.a, s.b) == (a, b)).collect();
+                    assert_eq!(found.len(), 1, "{i} to {}", i + apart);
+                    assert_eq!(found[0].kind, kind);
+                }
+            }
+        }
     }
 
     #[test]
     fn particle_masses_add_up_to_the_hair() {
         let material = Material::straight();
-        for kind in [RigKind::Curly, RigKind::Straight] {
-            let total: f64 = Topology::new(kind, 25).masses(&material, 1.1).iter().sum();
+        for perturbed in shapes() {
+            let total: f64 = Topology::new(&perturbed).masses(&material, 1.1).iter().sum();
             let hair = material.linear_density_g_per_cm * 24.0 * 1.1;
             assert!((total / hair - 1.0).abs() < 1e-12);
         }

@@ -1,26 +1,52 @@
-//! One time step of a strand system: linearly implicit backward Euler with substeps.
+//! One time step of a strand system: MS08 §4's nine steps in order, with one implicit solve or two.
 //!
-//! Per substep: kinematic roots, contacts, one banded solve for the new velocities (MS08 §4.1), friction, strain limiting
-//! (MS08 §4.2), positions. MS08 §4 takes a second solve for the velocity; the single solve is backward Euler on both, see
-//! docs/DEVIATIONS.md. Strands do not meet each other here, so batches run in parallel and the result is the same for
-//! any number of threads.
+//! [`Scheme`] says how velocities are integrated; strain limiting, contact and roots are the same for all. A step is cut
+//! into substeps. Strands that do not interact never wait for each other: each batch takes all its substeps while it is in
+//! cache. Batches run in parallel and the result is the same for any number of threads.
 
 use crate::body_contact::{Contact, ContactParams};
-use crate::forces::{add_spring, linearise};
+use crate::drive::{Drive, RootMotion};
+use crate::forces::Implicit;
+use crate::implicit::{self, Driven, Problem};
 use crate::lanes::{LANES, Lane, Lane3, ZERO};
 use crate::solve::banded::BandedMatrix;
+use crate::step_size::{Substeps, count_substeps};
 use crate::strain_limit::limit_strain;
 use crate::system::{Batch, BatchState, StrandState, StrandSystem, get, set, transform};
+use crate::wind::WindField;
 use collision::MovingSolid;
-use multiversion::multiversion;
 use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
+
+/// How velocities are integrated over a substep.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scheme {
+    /// One solve over the substep; its velocity moves the positions. First order.
+    BackwardEuler,
+    /// MS08 §4: a solve over half the substep for the positions, another for the velocity by the trapezoidal rule.
+    Trapezoidal,
+    /// MS08 §4 with both solves over the whole substep, by backward Euler.
+    TwoSolves,
+}
+
+impl Scheme {
+    /// Length of each solve in a substep of `h` seconds.
+    fn solve_length(self, h: f64) -> f64 {
+        if self == Self::Trapezoidal { 0.5 * h } else { h }
+    }
+}
 
 /// How a step is taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepParams {
-    /// Linear solves per step, each over an equal part of it.
-    pub substeps: usize,
+    /// Integration within a substep.
+    pub scheme: Scheme,
+    /// How a step is cut.
+    pub substeps: Substeps,
+    /// Linear solves per substep, each with directions refrozen where the one before led; at least one.
+    pub iterations: usize,
+    /// Whether springs resist turning implicitly: max(T, 0)/l (I - ddᵀ) beyond MS08's frozen directions.
+    pub geometric_stiffness: bool,
     /// Acceleration of gravity, cm/s².
     pub gravity: Vector3<f64>,
     /// Largest stretch left after a step, as a fraction of a segment's length.
@@ -30,15 +56,24 @@ pub struct StepParams {
 }
 
 impl StepParams {
-    /// Standard gravity along -y, four substeps: measured in docs/DEVIATIONS.md against a step of 0.5 ms.
+    /// The guide step of 10 ms: standard gravity along -y; measured in docs/DEVIATIONS.md against a step of 0.5 ms.
     #[must_use]
     pub fn standard() -> Self {
         Self {
-            substeps: 4,
+            scheme: Scheme::BackwardEuler,
+            substeps: Substeps::Fixed(2),
+            iterations: 1,
+            geometric_stiffness: false,
             gravity: Vector3::new(0.0, -981.0, 0.0),
             strain_limit: 0.01,
             contact: ContactParams::standard(),
         }
+    }
+
+    /// MS08 §4 as printed: directions frozen, strain limited at a tenth, one step a step.
+    #[must_use]
+    pub fn paper(scheme: Scheme) -> Self {
+        Self { scheme, substeps: Substeps::Fixed(1), geometric_stiffness: false, strain_limit: 0.1, ..Self::standard() }
     }
 }
 
@@ -47,19 +82,40 @@ impl StepParams {
 pub struct StepInput<'a> {
     /// Length of the step, s.
     pub dt: f64,
-    /// Head pose at its start.
-    pub world_from_head_before: Isometry3<f64>,
-    /// Head pose at its end.
-    pub world_from_head_after: Isometry3<f64>,
+    /// Time at its start, s; read by the wind only.
+    pub time_s: f64,
+    /// How the roots move over it.
+    pub roots: RootMotion<'a>,
     /// Solids with their motion over the step.
     pub solids: &'a [MovingSolid<'a>],
     /// Further forces on the hair's own particles, strand-major, dyn; held over the step. Empty for none.
     pub forces: &'a [Vector3<f64>],
+    /// Particles pinned or driven beyond the roots, ordered by strand.
+    pub drives: &'a [Drive],
+    /// Moving air; still if absent.
+    pub wind: Option<&'a dyn WindField>,
+}
+
+impl StepInput<'_> {
+    /// A step of `dt` seconds over which the head moves from one pose to another and nothing else happens.
+    #[must_use]
+    pub fn carried(dt: f64, before: Isometry3<f64>, after: Isometry3<f64>) -> Self {
+        let roots = RootMotion::Head { before, after };
+        Self { dt, time_s: 0.0, roots, solids: &[], forces: &[], drives: &[], wind: None }
+    }
+
+    /// A step of `dt` seconds with the head held at a pose.
+    #[must_use]
+    pub fn still(dt: f64, world_from_head: Isometry3<f64>) -> Self {
+        Self::carried(dt, world_from_head, world_from_head)
+    }
 }
 
 /// What a step met.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StepReport {
+    /// Substeps taken.
+    pub substeps: u32,
     /// Segment contacts handled, summed over substeps.
     pub contacts: u64,
     /// Strands whose state was not finite and was put back at rest.
@@ -69,27 +125,43 @@ pub struct StepReport {
 /// Buffers of a step, reused from step to step.
 #[derive(Debug, Default)]
 pub struct StepWorkspace {
-    slots: Vec<Slot>,
+    slots: Vec<Work>,
 }
 
 /// Buffers of one worker.
 #[derive(Debug)]
-struct Slot {
-    matrix: Vec<BandedMatrix>,
+pub(crate) struct Work {
+    matrix: BandedMatrix,
+    /// Unknowns of the solve, three lanes a free particle.
     velocity: Vec<Lane>,
-    old_position: Vec<Lane3>,
+    /// Positions that elastic forces are taken at, per rig particle.
+    start: Vec<Lane3>,
+    /// Where the solve leads, per rig particle.
+    next: Vec<Lane3>,
+    next_velocity: Vec<Lane3>,
+    air: Vec<Lane3>,
     contacts: Vec<Contact>,
+    driven: Vec<Driven>,
     report: StepReport,
 }
 
 /// Upper bound of parallel slices, as a multiple of the thread count: contacts make some batches dearer than others.
 const SLICES_PER_THREAD: usize = 8;
 
+/// Part of a step, as fractions of it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Span {
+    pub begin: f64,
+    pub end: f64,
+    /// Its length, s.
+    pub h: f64,
+}
+
 impl StrandSystem {
     /// Advances `state` by one step.
     ///
     /// # Panics
-    /// If `state` is not one of this system, or `forces` is neither empty nor one entry per particle.
+    /// If `state` is not one of this system, or a buffer of `input` has another length than documented.
     pub fn step(
         &self,
         state: &mut StrandState,
@@ -102,219 +174,310 @@ impl StrandSystem {
             input.forces.is_empty() || input.forces.len() == self.n_strands * self.n_main,
             "one force per particle"
         );
+        input.roots.check(self.n_strands);
+        assert!(input.drives.is_sorted_by_key(|d| d.strand), "drives ordered by strand");
         if self.batches.is_empty() {
             return StepReport::default();
         }
+        let n_substeps = count_substeps(self, state, input.dt, params.substeps);
         let n_slices = self.batches.len().min(SLICES_PER_THREAD * rayon::current_num_threads());
         let slice = self.batches.len().div_ceil(n_slices);
         while workspace.slots.len() < n_slices {
-            workspace.slots.push(self.slot());
+            workspace.slots.push(Work::new(self));
         }
         self.batches
             .par_chunks(slice)
             .zip(state.batches.par_chunks_mut(slice))
             .zip(workspace.slots.par_iter_mut())
-            .for_each(|((batches, states), slot)| {
-                slot.report = StepReport::default();
+            .for_each(|((batches, states), work)| {
+                work.report = StepReport::default();
                 for (batch, state) in batches.iter().zip(states) {
-                    self.step_batch(batch, state, input, params, slot);
+                    self.sample_air(batch, state, input, work);
+                    for k in 0..n_substeps {
+                        let n = n_substeps as f64;
+                        let span = Span { begin: k as f64 / n, end: (k + 1) as f64 / n, h: input.dt / n };
+                        self.predict(batch, state, input, params, span, work);
+                        self.advance(batch, state, params, span, work);
+                        self.finish(batch, state, input, params, span, work);
+                    }
+                    self.quarantine(batch, state, input, work);
                 }
             });
         let n_used = self.batches.len().div_ceil(slice);
-        workspace.slots[..n_used].iter().fold(StepReport::default(), |sum, slot| StepReport {
-            contacts: sum.contacts + slot.report.contacts,
-            quarantined: sum.quarantined + slot.report.quarantined,
+        let sum = StepReport { substeps: n_substeps as u32, ..StepReport::default() };
+        workspace.slots[..n_used].iter().fold(sum, |sum, work| StepReport {
+            contacts: sum.contacts + work.report.contacts,
+            quarantined: sum.quarantined + work.report.quarantined,
+            ..sum
         })
     }
 
-    fn slot(&self) -> Slot {
-        let matrix =
-            self.topologies.iter().map(|t| BandedMatrix::new(t.n_rig - t.n_kinematic, t.reach)).collect::<Vec<_>>();
-        let n_dof = self.topologies.iter().map(|t| 3 * (t.n_rig - t.n_kinematic)).max().unwrap_or(0);
-        let n_rig = self.topologies.iter().map(|t| t.n_rig).max().unwrap_or(0);
-        Slot {
-            matrix,
-            velocity: vec![ZERO; n_dof],
-            old_position: vec![[ZERO; 3]; n_rig],
-            contacts: Vec::with_capacity(LANES * self.n_main),
-            report: StepReport::default(),
-        }
-    }
-
-    fn step_batch(
+    /// MS08 §4 step 1: the velocities that move the positions, into `work.next_velocity`.
+    fn predict(
         &self,
         batch: &Batch,
         state: &mut BatchState,
         input: &StepInput,
         params: &StepParams,
-        slot: &mut Slot,
+        span: Span,
+        work: &mut Work,
     ) {
         let topology = &self.topologies[batch.topology];
-        let n_kin = topology.n_kinematic;
-        let h = input.dt / params.substeps as f64;
-        if state.clearance.len() != input.solids.len() {
-            state.clearance.clear();
-            // Nothing is known of a new solid: its distance bound starts below zero.
-            state.clearance.resize(input.solids.len(), [-1.0; LANES]);
+        let (n_kin, n_rig) = (topology.n_kinematic, topology.n_rig);
+        self.drive_particles(batch, state, input, span, work);
+        work.contacts.clear();
+        self.find_contacts(batch, state, input, &params.contact, span, work);
+        work.report.contacts += work.contacts.len() as u64;
+        work.start[..n_rig].copy_from_slice(&state.position);
+        let h = params.scheme.solve_length(span.h);
+        let elastic = Implicit { elastic: 1.0, geometric: f64::from(u8::from(params.geometric_stiffness)) };
+        for iteration in 0..params.iterations.max(1) {
+            self.solve(batch, state, input, params, elastic, h, iteration > 0, work);
+            if iteration + 1 < params.iterations {
+                work.move_on(n_rig, h);
+            }
         }
-        for sub in 0..params.substeps {
-            let (begin, end) = (sub as f64 / params.substeps as f64, (sub + 1) as f64 / params.substeps as f64);
-            let head = interpolate(&input.world_from_head_before, &input.world_from_head_after, end);
-            let n_rig = topology.n_rig;
-            slot.old_position[..n_rig].copy_from_slice(&state.position);
-            for p in 0..n_kin {
-                for l in 0..LANES {
-                    let target = transform(&head, get(&batch.rest_in_head[p], l));
-                    let moved = (target - get(&state.position[p], l)) / h;
-                    set(&mut state.velocity[p], l, moved);
-                }
+        for contact in &work.contacts {
+            contact.apply_friction(n_kin, h, &batch.mass, &mut work.next_velocity);
+        }
+    }
+
+    /// MS08 §4 steps 2 and 4: new positions, into `work.next`, their stretch limited.
+    fn advance(&self, batch: &Batch, state: &BatchState, params: &StepParams, span: Span, work: &mut Work) {
+        let topology = &self.topologies[batch.topology];
+        // Of the trapezoidal rule, the velocity halfway moves the whole step.
+        work.move_on(topology.n_rig, span.h);
+        limit_strain(topology, batch, &mut work.next, params.strain_limit);
+        for d in &work.driven {
+            for c in 0..3 {
+                work.next[d.particle][c][d.lane] = state.position[d.particle][c][d.lane] + span.h * d.velocity[c];
             }
-            slot.contacts.clear();
-            self.find_contacts(batch, state, input, params, (begin, end), h, &mut slot.contacts);
-            slot.report.contacts += slot.contacts.len() as u64;
-            self.solve_velocities(batch, state, input, params, h, slot);
-            for contact in &slot.contacts {
-                contact.apply_friction(n_kin, h, &batch.mass, &mut state.velocity);
-            }
+        }
+    }
+
+    /// MS08 §4 steps 7 and 8: the velocity at the end of the substep; then the new state takes the old one's place.
+    fn finish(
+        &self,
+        batch: &Batch,
+        state: &mut BatchState,
+        input: &StepInput,
+        params: &StepParams,
+        span: Span,
+        work: &mut Work,
+    ) {
+        let topology = &self.topologies[batch.topology];
+        let (n_kin, n_rig) = (topology.n_kinematic, topology.n_rig);
+        if matches!(params.scheme, Scheme::Trapezoidal | Scheme::TwoSolves) {
+            let half = params.scheme == Scheme::Trapezoidal;
+            let h = params.scheme.solve_length(span.h);
+            let middle = h / span.h;
             for p in 0..n_rig {
                 for c in 0..3 {
                     for l in 0..LANES {
-                        state.position[p][c][l] += h * state.velocity[p][c][l];
+                        let (old, new) = (state.position[p][c][l], work.next[p][c][l]);
+                        work.start[p][c][l] = old + middle * (new - old);
                     }
                 }
             }
-            limit_strain(topology, batch, &mut state.position, params.strain_limit);
-            account_movement(state, &slot.old_position[..n_rig], input.solids, end - begin);
-        }
-        for lane in 0..batch.strands.len() {
-            if !lane_is_finite(state, lane) {
-                self.put_back(batch, state, lane, &input.world_from_head_after);
-                slot.report.quarantined += 1;
+            for contact in &mut work.contacts {
+                // Only the normal velocity is constrained here: nothing is left to push out.
+                contact.gap = -h * contact.normal.dot(&contact.solid_velocity);
+            }
+            // Positions are known, so elastic forces are too: taking them implicitly would count them twice.
+            let known = Implicit { elastic: 0.0, geometric: 0.0 };
+            self.solve(batch, state, input, params, known, h, false, work);
+            for contact in &work.contacts {
+                contact.apply_friction(n_kin, h, &batch.mass, &mut work.next_velocity);
+            }
+            if half {
+                for p in n_kin..n_rig {
+                    for c in 0..3 {
+                        for l in 0..LANES {
+                            work.next_velocity[p][c][l] = 2.0 * work.next_velocity[p][c][l] - state.velocity[p][c][l];
+                        }
+                    }
+                }
             }
         }
+        account_movement(state, &work.next[..n_rig], input.solids, span.end - span.begin);
+        state.position.copy_from_slice(&work.next[..n_rig]);
+        state.velocity.copy_from_slice(&work.next_velocity[..n_rig]);
     }
 
-    /// Fills `state.velocity` with the velocities at the end of the substep.
-    fn solve_velocities(
-        &self,
-        batch: &Batch,
-        state: &mut BatchState,
-        input: &StepInput,
-        params: &StepParams,
-        h: f64,
-        slot: &mut Slot,
-    ) {
-        let topology = &self.topologies[batch.topology];
-        let matrix = &mut slot.matrix[batch.topology];
-        let rhs = &mut slot.velocity[..3 * matrix.n_blocks()];
-        self.external_impulses(batch, state, input, params, h, rhs);
-        assemble_and_solve(self, batch, state, h, matrix, rhs, &slot.contacts);
-        for p in topology.n_kinematic..topology.n_rig {
-            for c in 0..3 {
-                state.velocity[p][c] = rhs[3 * (p - topology.n_kinematic) + c];
-            }
-        }
-    }
-
-    /// Momentum each free particle starts with, plus the impulses of gravity and of the caller's forces.
-    fn external_impulses(
+    /// One implicit solve from `work.start`; the result is in `work.next_velocity`. Directions are those of `work.next`
+    /// if `refrozen`.
+    fn solve(
         &self,
         batch: &Batch,
         state: &BatchState,
         input: &StepInput,
         params: &StepParams,
+        implicit: Implicit,
         h: f64,
-        rhs: &mut [Lane],
+        refrozen: bool,
+        work: &mut Work,
     ) {
         let topology = &self.topologies[batch.topology];
-        let n_kin = topology.n_kinematic;
-        for p in n_kin..topology.n_rig {
+        let (n_kin, n_rig) = (topology.n_kinematic, topology.n_rig);
+        let rhs = &mut work.velocity[..3 * (n_rig - n_kin)];
+        for p in n_kin..n_rig {
             for c in 0..3 {
-                let pull = h * params.gravity[c];
                 for l in 0..LANES {
-                    rhs[3 * (p - n_kin) + c][l] = batch.mass[p][l] * (state.velocity[p][c][l] + pull);
+                    let start = state.velocity[p][c][l] + h * params.gravity[c];
+                    rhs[3 * (p - n_kin) + c][l] = batch.mass[p][l] * start;
                 }
             }
         }
-        if input.forces.is_empty() {
+        if !input.forces.is_empty() {
+            for (lane, &strand) in batch.strands.iter().enumerate() {
+                for i in topology.first_free_main()..self.n_main {
+                    let force = input.forces[strand as usize * self.n_main + i];
+                    for c in 0..3 {
+                        rhs[3 * (topology.rig_of_main(i) - n_kin) + c][lane] += h * force[c];
+                    }
+                }
+            }
+        }
+        let problem = Problem {
+            topology,
+            batch,
+            start: &work.start[..n_rig],
+            guess: refrozen.then_some(&work.next[..n_rig]),
+            kinematic: &work.next_velocity[..n_kin],
+            h,
+            implicit,
+            drag_per_s: self.material.air_drag_per_s,
+            air: &work.air,
+            contacts: &work.contacts,
+            driven: &work.driven,
+        };
+        implicit::solve(&problem, &mut work.matrix, rhs);
+        for p in n_kin..n_rig {
+            for c in 0..3 {
+                work.next_velocity[p][c] = rhs[3 * (p - n_kin) + c];
+            }
+        }
+        for d in &work.driven {
+            for c in 0..3 {
+                work.next_velocity[d.particle][c][d.lane] = d.velocity[c];
+            }
+        }
+    }
+
+    /// Velocities of the roots and of driven particles over the substep.
+    fn drive_particles(&self, batch: &Batch, state: &BatchState, input: &StepInput, span: Span, work: &mut Work) {
+        let topology = &self.topologies[batch.topology];
+        for lane in 0..LANES {
+            let strand = batch.strands[lane.min(batch.strands.len() - 1)] as usize;
+            let root = input.roots.at(strand, span.end);
+            for p in 0..topology.n_kinematic {
+                let target = transform(&root, get(&batch.rest_in_head[p], lane));
+                set(&mut work.next_velocity[p], lane, (target - get(&state.position[p], lane)) / span.h);
+            }
+        }
+        work.driven.clear();
+        for (lane, &strand) in batch.strands.iter().enumerate() {
+            let first = input.drives.partition_point(|d| d.strand < strand);
+            for drive in input.drives[first..].iter().take_while(|d| d.strand == strand) {
+                let pose = drive.at(span.end);
+                for p in topology.rig_of_main(drive.particles.0)..=topology.rig_of_main(drive.particles.1) {
+                    if p >= topology.n_kinematic {
+                        let target = transform(&pose, get(&batch.rest_in_head[p], lane));
+                        let velocity = (target - get(&state.position[p], lane)) / span.h;
+                        work.driven.push(Driven { lane, particle: p, velocity: velocity.into() });
+                    }
+                }
+            }
+        }
+        work.driven.sort_unstable_by_key(|d| (d.particle, d.lane));
+    }
+
+    /// Air velocity at every particle, as of the start of the step.
+    fn sample_air(&self, batch: &Batch, state: &BatchState, input: &StepInput, work: &mut Work) {
+        work.air.clear();
+        let Some(wind) = input.wind else { return };
+        for position in &state.position {
+            let mut air = [ZERO; 3];
+            for lane in 0..batch.strands.len() {
+                set(&mut air, lane, wind.velocity(get(position, lane), input.time_s));
+            }
+            work.air.push(air);
+        }
+    }
+
+    fn quarantine(&self, batch: &Batch, state: &mut BatchState, input: &StepInput, work: &mut Work) {
+        if all_finite(state) {
             return;
         }
         for (lane, &strand) in batch.strands.iter().enumerate() {
-            for i in topology.first_free_main()..self.n_main {
-                let force = input.forces[strand as usize * self.n_main + i];
-                for c in 0..3 {
-                    rhs[3 * (topology.rig_of_main(i) - n_kin) + c][lane] += h * force[c];
+            if state.position.iter().chain(&state.velocity).all(|v| v.iter().all(|c| c[lane].is_finite())) {
+                continue;
+            }
+            let root = input.roots.at(strand as usize, 1.0);
+            for p in 0..state.position.len() {
+                set(&mut state.position[p], lane, transform(&root, get(&batch.rest_in_head[p], lane)));
+                set(&mut state.velocity[p], lane, Vector3::zeros());
+            }
+            for clearance in &mut state.clearance {
+                clearance[lane] = -1.0;
+            }
+            work.report.quarantined += 1;
+        }
+    }
+}
+
+impl Work {
+    fn new(system: &StrandSystem) -> Self {
+        let n_rig = system.topologies.iter().map(|t| t.n_rig).max().unwrap_or(0);
+        let reach = system.topologies.iter().map(|t| t.reach).max().unwrap_or(0);
+        Self {
+            matrix: BandedMatrix::new(n_rig, reach),
+            velocity: vec![ZERO; 3 * n_rig],
+            start: vec![[ZERO; 3]; n_rig],
+            next: vec![[ZERO; 3]; n_rig],
+            next_velocity: vec![[ZERO; 3]; n_rig],
+            air: Vec::with_capacity(n_rig),
+            contacts: Vec::with_capacity(LANES * system.n_main),
+            driven: Vec::new(),
+            report: StepReport::default(),
+        }
+    }
+
+    /// `next = start + h next_velocity`.
+    fn move_on(&mut self, n_rig: usize, h: f64) {
+        for p in 0..n_rig {
+            for c in 0..3 {
+                for l in 0..LANES {
+                    self.next[p][c][l] = self.start[p][c][l] + h * self.next_velocity[p][c][l];
                 }
             }
         }
     }
 
-    fn put_back(&self, batch: &Batch, state: &mut BatchState, lane: usize, world_from_head: &Isometry3<f64>) {
-        for p in 0..state.position.len() {
-            set(&mut state.position[p], lane, transform(world_from_head, get(&batch.rest_in_head[p], lane)));
-            set(&mut state.velocity[p], lane, Vector3::zeros());
-        }
-        for clearance in &mut state.clearance {
-            clearance[lane] = -1.0;
-        }
+    pub(crate) fn add_contact(&mut self, contact: Contact) {
+        self.contacts.push(contact);
+    }
+
+    /// Orders contacts as the solve takes them.
+    pub(crate) fn sort_contacts(&mut self) {
+        self.contacts.sort_unstable_by(|a, b| {
+            (a.ends[1], a.lane).cmp(&(b.ends[1], b.lane)).then_with(|| a.gap.total_cmp(&b.gap))
+        });
+    }
+
+    /// Velocities of the particles whose motion is given.
+    pub(crate) fn known_velocity(&self, particle: usize, lane: usize) -> Vector3<f64> {
+        get(&self.next_velocity[particle], lane)
     }
 }
 
-/// Builds and solves (M(1 + hγ) + hS) v = rhs for the free particles; the solution replaces `rhs`.
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
-fn assemble_and_solve(
-    system: &StrandSystem,
-    batch: &Batch,
-    state: &BatchState,
-    h: f64,
-    matrix: &mut BandedMatrix,
-    rhs: &mut [Lane],
-    contacts: &[Contact],
-) {
-    let topology = &system.topologies[batch.topology];
-    let n_kin = topology.n_kinematic;
-    matrix.clear();
-    let drag = 1.0 + h * system.material.air_drag_per_s;
-    for p in n_kin..topology.n_rig {
-        for c in 0..3 {
-            let entry = &mut matrix.block(p - n_kin, p - n_kin)[4 * c];
-            for l in 0..LANES {
-                entry[l] = batch.mass[p][l] * drag;
-            }
-        }
-    }
-    for (k, spring) in topology.springs.iter().enumerate() {
-        let s = linearise(
-            &state.position[spring.a],
-            &state.position[spring.b],
-            &batch.stiffness[k],
-            &batch.inv_rest_length[k],
-            &batch.damping[k],
-            h,
-        );
-        add_spring(topology, *spring, &s, h, &state.velocity, matrix, rhs);
-    }
-    for contact in contacts {
-        contact.add_to(n_kin, h, matrix, rhs);
-    }
-    matrix.factor();
-    matrix.solve(rhs);
-}
-
-fn interpolate(before: &Isometry3<f64>, after: &Isometry3<f64>, alpha: f64) -> Isometry3<f64> {
-    if alpha >= 1.0 {
-        return *after;
-    }
-    before.try_lerp_slerp(after, alpha, 1e-9).unwrap_or(*after)
-}
-
-/// Lowers every distance bound by what strand and solid have moved since it was measured.
-fn account_movement(state: &mut BatchState, old_position: &[Lane3], solids: &[MovingSolid], fraction: f64) {
+/// Lowers every distance bound by what strand and solid move on the way to `next`.
+fn account_movement(state: &mut BatchState, next: &[Lane3], solids: &[MovingSolid], fraction: f64) {
     if solids.is_empty() {
         return;
     }
     let mut moved = ZERO;
-    for (new, old) in state.position.iter().zip(old_position) {
+    for (new, old) in next.iter().zip(&state.position) {
         for l in 0..LANES {
             let d = (new[0][l] - old[0][l]).powi(2) + (new[1][l] - old[1][l]).powi(2) + (new[2][l] - old[2][l]).powi(2);
             moved[l] = moved[l].max(d);
@@ -328,6 +491,15 @@ fn account_movement(state: &mut BatchState, old_position: &[Lane3], solids: &[Mo
     }
 }
 
-fn lane_is_finite(state: &BatchState, lane: usize) -> bool {
-    state.position.iter().chain(&state.velocity).all(|v| v.iter().all(|c| c[lane].is_finite()))
+/// Whether every lane of a batch is finite: a sum is finite only if all its terms are.
+fn all_finite(state: &BatchState) -> bool {
+    let mut sum = ZERO;
+    for v in state.position.iter().chain(&state.velocity) {
+        for c in v {
+            for l in 0..LANES {
+                sum[l] += 0.0 * c[l];
+            }
+        }
+    }
+    sum.iter().all(|s| s.is_finite())
 }

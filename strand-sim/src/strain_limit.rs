@@ -4,7 +4,7 @@
 //! are changed, as in the paper: the velocity that the next step starts from keeps the springs' own answer.
 
 use crate::lanes::{LANES, Lane3};
-use crate::rig::{RigKind, Topology};
+use crate::rig::Topology;
 use crate::system::Batch;
 
 /// Shortens every segment stretched by more than `limit` to that limit, root to tip.
@@ -14,9 +14,9 @@ pub(crate) fn limit_strain(topology: &Topology, batch: &Batch, position: &mut [L
         for l in 0..LANES {
             let longest = (1.0 + limit) * batch.segment_length[i - 1][l];
             pull_to(position, near, far, l, longest);
-            if topology.kind == RigKind::Straight && near + 1 >= topology.n_kinematic {
-                // A perturbed particle hangs on the end of its segment nearer the root.
-                pull_to(position, near, near + 1, l, longest);
+            // A perturbed particle hangs on the end of its segment nearer the root.
+            if let Some(perturbed) = topology.rig_of_perturbed(i - 1).filter(|&p| p >= topology.n_kinematic) {
+                pull_to(position, near, perturbed, l, longest);
             }
         }
     }

@@ -7,9 +7,10 @@
 use crate::error::Error;
 use crate::lanes::{LANES, Lane, Lane3, ZERO};
 use crate::material::Material;
-use crate::rig::perturb::{rig_kind, rig_particles};
-use crate::rig::{MIN_PARTICLES, RigKind, Topology};
+use crate::rig::perturb::{rig_particles, where_straight};
+use crate::rig::{MIN_PARTICLES, N_KINDS, Perturbed, SpringKind, Topology};
 use nalgebra::{Isometry3, Vector3};
+use std::collections::BTreeMap;
 
 /// Shortest strand accepted, cm.
 pub const MIN_LENGTH_CM: f64 = 1e-3;
@@ -25,12 +26,12 @@ pub(crate) struct Batch {
     pub rest_in_head: Vec<Lane3>,
     /// Mass per rig particle, g.
     pub mass: Vec<Lane>,
-    /// Force at strain one per spring, dyn.
-    pub stiffness: Vec<Lane>,
+    /// Force at strain one per kind of spring, dyn.
+    pub stiffness: [Lane; N_KINDS],
     /// Reciprocal rest length per spring, 1/cm.
     pub inv_rest_length: Vec<Lane>,
-    /// Damping per spring, dyn·s/cm.
-    pub damping: Vec<Lane>,
+    /// Damping per kind of spring, dyn·s/cm.
+    pub damping: [Lane; N_KINDS],
     /// Rest distance between neighbouring particles of the hair, per segment, cm.
     pub segment_length: Vec<Lane>,
 }
@@ -79,7 +80,7 @@ impl StrandSystem {
             return Err(Error::RaggedPoints { n_points: points_in_head.len(), n_particles: n_main });
         }
         let n_strands = points_in_head.len() / n_main;
-        let mut by_kind: [Vec<u32>; 2] = [Vec::new(), Vec::new()];
+        let mut by_topology: BTreeMap<Perturbed, Vec<u32>> = BTreeMap::new();
         for (s, points) in points_in_head.chunks_exact(n_main).enumerate() {
             if let Some(particle) = points.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
                 return Err(Error::NonFinite { strand: s, particle });
@@ -88,11 +89,11 @@ impl StrandSystem {
             if length_cm < MIN_LENGTH_CM || points.windows(2).any(|w| w[0] == w[1]) {
                 return Err(Error::TooShort { strand: s, length_cm, minimum_cm: MIN_LENGTH_CM });
             }
-            by_kind[usize::from(rig_kind(points) == RigKind::Straight)].push(s as u32);
+            by_topology.entry(where_straight(points)).or_default().push(s as u32);
         }
-        let topologies = vec![Topology::new(RigKind::Curly, n_main), Topology::new(RigKind::Straight, n_main)];
+        let topologies: Vec<_> = by_topology.keys().map(Topology::new).collect();
         let mut batches = Vec::new();
-        for (topology, strands) in by_kind.iter().enumerate() {
+        for (topology, strands) in by_topology.values().enumerate() {
             for group in strands.chunks(LANES) {
                 batches.push(Batch::new(topology, &topologies[topology], group, points_in_head, &material));
             }
@@ -115,11 +116,8 @@ impl StrandSystem {
     /// Strands that carry perturbed particles.
     #[must_use]
     pub fn n_straight(&self) -> usize {
-        self.batches
-            .iter()
-            .filter(|b| self.topologies[b.topology].kind == RigKind::Straight)
-            .map(|b| b.strands.len())
-            .sum()
+        let perturbed = |b: &&Batch| self.topologies[b.topology].perturbed.count() > 0;
+        self.batches.iter().filter(perturbed).map(|b| b.strands.len()).sum()
     }
 
     /// Every strand at rest and still, carried by the head.
@@ -135,8 +133,7 @@ impl StrandSystem {
                         set(p, l, transform(world_from_head, get(p, l)));
                     }
                 }
-                let velocity = vec![[ZERO; 3]; position.len()];
-                BatchState { position, velocity, clearance: Vec::new() }
+                BatchState { velocity: vec![[ZERO; 3]; position.len()], clearance: Vec::new(), position }
             })
             .collect();
         StrandState { batches }
@@ -205,9 +202,9 @@ impl Batch {
             strands: strands.to_vec(),
             rest_in_head: vec![[ZERO; 3]; topology.n_rig],
             mass: vec![ZERO; topology.n_rig],
-            stiffness: vec![ZERO; n_springs],
+            stiffness: [ZERO; N_KINDS],
             inv_rest_length: vec![ZERO; n_springs],
-            damping: vec![ZERO; n_springs],
+            damping: [ZERO; N_KINDS],
             segment_length: vec![ZERO; n_main - 1],
         };
         for lane in 0..LANES {
@@ -224,10 +221,12 @@ impl Batch {
                 set(&mut batch.rest_in_head[p], lane, *x);
                 batch.mass[p][lane] = mass;
             }
+            for kind in [SpringKind::Edge, SpringKind::Bend, SpringKind::Torsion] {
+                let (stiffness, damping) = kind.constants(material, h_cm);
+                batch.stiffness[kind as usize][lane] = stiffness;
+                batch.damping[kind as usize][lane] = damping;
+            }
             for (k, spring) in topology.springs.iter().enumerate() {
-                let (stiffness, damping) = topology.constants(spring.kind, material, h_cm);
-                batch.stiffness[k][lane] = stiffness;
-                batch.damping[k][lane] = damping;
                 batch.inv_rest_length[k][lane] = 1.0 / (rig[spring.b] - rig[spring.a]).norm();
             }
         }

@@ -95,8 +95,7 @@ impl Tuft {
 
     /// One step with the head going to `head`, among solids.
     pub fn step(&mut self, head: Isometry3<f64>, solids: &[MovingSolid]) -> StepReport {
-        let input =
-            StepInput { dt: DT, world_from_head_before: self.head, world_from_head_after: head, solids, forces: &[] };
+        let input = StepInput { solids, ..StepInput::carried(DT, self.head, head) };
         self.head = head;
         self.system.step(&mut self.state, &input, &self.params, &mut self.workspace)
     }

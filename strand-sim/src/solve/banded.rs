@@ -35,9 +35,28 @@ impl BandedMatrix {
         self.n_blocks
     }
 
+    /// Gives the matrix another size, reusing its memory; entries are left as they are.
+    pub fn resize(&mut self, n_blocks: usize, reach: usize) {
+        (self.n_blocks, self.reach) = (n_blocks, reach);
+        self.band.resize(n_blocks * (reach + 1), ZERO_BLOCK);
+    }
+
     /// Sets every entry to zero.
     pub fn clear(&mut self) {
         self.band.fill(ZERO_BLOCK);
+    }
+
+    /// Sets the entries of one block row to zero.
+    #[inline(always)]
+    pub fn clear_row(&mut self, row: usize) {
+        let width = self.reach + 1;
+        self.band[row * width..(row + 1) * width].fill(ZERO_BLOCK);
+    }
+
+    /// Block columns left of the diagonal that a row may have.
+    #[must_use]
+    pub fn reach(&self) -> usize {
+        self.reach
     }
 
     /// The block at `row >= col`, `row - col <= reach`.
@@ -51,55 +70,73 @@ impl BandedMatrix {
     /// wrong but finite, and the caller's check of the state isolates it.
     #[inline(always)]
     pub fn factor(&mut self) {
-        let width = self.reach + 1;
         for row in 0..self.n_blocks {
-            let first = row.saturating_sub(self.reach);
-            let (above, here) = self.band.split_at_mut(row * width);
-            // Block column c of this row sits at slot `c + reach - row`, of block row j at `c + reach - j`.
-            for col in first..row {
-                let other = &above[col * width..(col + 1) * width];
-                let slot = col + self.reach - row;
-                let mut acc = here[slot];
-                for k in first..col {
-                    subtract_product(&mut acc, &here[k + self.reach - row], &other[k + self.reach - col]);
-                }
-                divide_by_lower(&mut acc, &other[self.reach]);
-                here[slot] = acc;
-            }
-            let mut acc = here[self.reach];
-            for k in first..row {
-                let left = here[k + self.reach - row];
-                subtract_product(&mut acc, &left, &left);
-            }
-            factor_block(&mut acc);
-            here[self.reach] = acc;
+            self.factor_row(row);
         }
+    }
+
+    /// Factors one block row; the rows before it are factored.
+    #[inline(always)]
+    pub fn factor_row(&mut self, row: usize) {
+        let width = self.reach + 1;
+        let first = row.saturating_sub(self.reach);
+        let (above, here) = self.band.split_at_mut(row * width);
+        // Block column c of this row sits at slot `c + reach - row`, of block row j at `c + reach - j`.
+        for col in first..row {
+            let other = &above[col * width..(col + 1) * width];
+            let slot = col + self.reach - row;
+            let mut acc = here[slot];
+            for k in first..col {
+                subtract_product(&mut acc, &here[k + self.reach - row], &other[k + self.reach - col]);
+            }
+            divide_by_lower(&mut acc, &other[self.reach]);
+            here[slot] = acc;
+        }
+        let mut acc = here[self.reach];
+        for k in first..row {
+            subtract_square(&mut acc, &here[k + self.reach - row]);
+        }
+        factor_block(&mut acc);
+        here[self.reach] = acc;
     }
 
     /// Solves with the factor, in place; `rhs` holds three lanes a block row.
     #[inline(always)]
     pub fn solve(&self, rhs: &mut [Lane]) {
-        let width = self.reach + 1;
         for row in 0..self.n_blocks {
-            let mut acc = [rhs[3 * row], rhs[3 * row + 1], rhs[3 * row + 2]];
-            for col in row.saturating_sub(self.reach)..row {
-                let block = &self.band[row * width + col + self.reach - row];
-                for p in 0..3 {
-                    for q in 0..3 {
-                        for l in 0..LANES {
-                            acc[p][l] = (-block[3 * p + q][l]).mul_add(rhs[3 * col + q][l], acc[p][l]);
-                        }
+            self.solve_forward_row(row, rhs);
+        }
+        self.solve_back(rhs);
+    }
+
+    /// Forward substitution of one block row; those before it are done.
+    #[inline(always)]
+    pub fn solve_forward_row(&self, row: usize, rhs: &mut [Lane]) {
+        let width = self.reach + 1;
+        let mut acc = [rhs[3 * row], rhs[3 * row + 1], rhs[3 * row + 2]];
+        for col in row.saturating_sub(self.reach)..row {
+            let block = &self.band[row * width + col + self.reach - row];
+            for p in 0..3 {
+                for q in 0..3 {
+                    for l in 0..LANES {
+                        acc[p][l] = (-block[3 * p + q][l]).mul_add(rhs[3 * col + q][l], acc[p][l]);
                     }
                 }
             }
-            let d = &self.band[row * width + self.reach];
-            for l in 0..LANES {
-                let x = acc[0][l] * d[0][l];
-                let y = (-d[3][l]).mul_add(x, acc[1][l]) * d[4][l];
-                let z = (-d[7][l]).mul_add(y, (-d[6][l]).mul_add(x, acc[2][l])) * d[8][l];
-                (rhs[3 * row][l], rhs[3 * row + 1][l], rhs[3 * row + 2][l]) = (x, y, z);
-            }
         }
+        let d = &self.band[row * width + self.reach];
+        for l in 0..LANES {
+            let x = acc[0][l] * d[0][l];
+            let y = (-d[3][l]).mul_add(x, acc[1][l]) * d[4][l];
+            let z = (-d[7][l]).mul_add(y, (-d[6][l]).mul_add(x, acc[2][l])) * d[8][l];
+            (rhs[3 * row][l], rhs[3 * row + 1][l], rhs[3 * row + 2][l]) = (x, y, z);
+        }
+    }
+
+    /// Back substitution of all rows.
+    #[inline(always)]
+    pub fn solve_back(&self, rhs: &mut [Lane]) {
+        let width = self.reach + 1;
         for row in (0..self.n_blocks).rev() {
             let d = &self.band[row * width + self.reach];
             for l in 0..LANES {
@@ -131,6 +168,20 @@ fn subtract_product(acc: &mut Block, a: &Block, b: &Block) {
             for k in 0..3 {
                 for l in 0..LANES {
                     acc[3 * p + q][l] = (-a[3 * p + k][l]).mul_add(b[3 * q + k][l], acc[3 * p + q][l]);
+                }
+            }
+        }
+    }
+}
+
+/// `acc -= a aᵀ`, lower triangle only.
+#[inline(always)]
+fn subtract_square(acc: &mut Block, a: &Block) {
+    for p in 0..3 {
+        for q in 0..=p {
+            for k in 0..3 {
+                for l in 0..LANES {
+                    acc[3 * p + q][l] = (-a[3 * p + k][l]).mul_add(a[3 * q + k][l], acc[3 * p + q][l]);
                 }
             }
         }

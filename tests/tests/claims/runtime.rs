@@ -316,7 +316,6 @@ fn parameters_out_of_range_are_errors() {
             other => panic!("{other:?}"),
         }
     };
-    assert_eq!(refused(&|p| p.guides.substeps = 0), "guides.substeps");
     assert_eq!(refused(&|p| p.two_way.ridge = f64::NAN), "two_way.ridge");
     assert_eq!(refused(&|p| p.two_way.memory = 1.5), "two_way.memory");
     assert_eq!(refused(&|p| p.gap_resolution = 0.0), "gap_resolution");

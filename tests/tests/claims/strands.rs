@@ -5,7 +5,7 @@ use hair_tests::scenes::{
 };
 use hair_tests::tolerance::{ROUND_OFF_CM, STILL_CM};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use strand_sim::rig::{RigKind, Topology};
+use strand_sim::rig::{Perturbed, Topology};
 use strand_sim::{Material, StepParams};
 
 fn down() -> Vec<Vector3<f64>> {
@@ -96,7 +96,7 @@ fn a_released_strand_never_gains_energy() {
     let mut tuft = Tuft::new(&points, material, StepParams::standard());
     assert_eq!(tuft.system.n_straight(), 0);
     let spacing = points.windows(2).map(|w| (w[1] - w[0]).norm()).sum::<f64>() / (N_PARTICLES - 1) as f64;
-    let mass = Topology::new(RigKind::Curly, N_PARTICLES).masses(&material, spacing);
+    let mass = Topology::new(&Perturbed::nowhere(N_PARTICLES)).masses(&material, spacing);
     let gravity = tuft.params.gravity;
     let energy = |tuft: &Tuft| {
         let mut sum = 0.0;
@@ -152,13 +152,7 @@ fn a_bent_fibre_bends_alike_at_any_resolution() {
         let mut params = StepParams::standard();
         // A load that bends little, so that sag is in proportion to 1/EI.
         params.gravity /= 20.0;
-        let input = strand_sim::StepInput {
-            dt: 0.01,
-            world_from_head_before: Isometry3::identity(),
-            world_from_head_after: Isometry3::identity(),
-            solids: &[],
-            forces: &[],
-        };
+        let input = strand_sim::StepInput::still(0.01, Isometry3::identity());
         for _ in 0..1500 {
             system.step(&mut state, &input, &params, &mut workspace);
         }
