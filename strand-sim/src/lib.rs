@@ -20,6 +20,7 @@
 //! # Ok::<(), strand_sim::Error>(())
 //! ```
 
+pub mod altitude;
 mod body_contact;
 mod error;
 mod forces;
