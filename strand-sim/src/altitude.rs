@@ -97,7 +97,7 @@ impl AltitudeRest {
         Self { length, floor: FLOOR * size }
     }
 
-    /// The same rest lengths in no lane yet: see [`AltitudeRestLanes::set`].
+    /// The same rest lengths in every lane.
     #[must_use]
     pub fn splat(&self) -> AltitudeRestLanes {
         AltitudeRestLanes { length: self.length.map(|v| [v; LANES]), floor: [self.floor; LANES] }
@@ -149,8 +149,8 @@ fn edges(x: &[Vector3<f64>; 4]) -> [Vector3<f64>; 6] {
 /// The altitude spring of the tetrahedron with corners `x` (cm), or none where an edge has collapsed.
 /// Implements MS08 §3.1: of four point/face and three edge/edge springs the one of least length, largest |u×v|.
 ///
-/// The choice, and with it the force, jumps where two candidates tie, except at rest and where the volume is zero and
-/// their rest lengths agree; lengths and directions alone meet there.
+/// Force jumps where two candidates tie, but for two places: at rest it is zero for either, and in a flat shape the tied
+/// candidates have one direction, the same weights and, floor apart, the same force k.
 #[must_use]
 pub fn altitude(x: &[Vector3<f64>; 4], rest: &AltitudeRest) -> Option<Altitude> {
     let shape = Shape::new(x);
