@@ -26,6 +26,7 @@ mod error;
 mod forces;
 pub mod lanes;
 mod material;
+pub mod network;
 pub mod rig;
 pub mod solve;
 mod step;
