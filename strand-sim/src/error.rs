@@ -1,6 +1,6 @@
-//! What can be wrong with the strands a simulation is asked to step.
+//! What can be wrong with the strands and meshes a simulation is asked to step.
 
-/// Why a strand system could not be built.
+/// Why a strand system or a network could not be built.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -47,5 +47,65 @@ pub enum Error {
         value: f64,
         /// What is accepted.
         expected: &'static str,
+    },
+    /// A mesh names a point it does not have.
+    #[error("element {element} names point {point}, but the mesh has only {n_points}")]
+    UnknownPoint {
+        /// Tetrahedron or triangle.
+        element: usize,
+        /// Index it names.
+        point: usize,
+        /// Points given.
+        n_points: usize,
+    },
+    /// A mesh point's coordinate is not a number.
+    #[error("mesh point {point} has a non-finite coordinate")]
+    NonFinitePoint {
+        /// Point index.
+        point: usize,
+    },
+    /// A tetrahedron without volume has no altitude to keep.
+    #[error(
+        "tetrahedron {tetrahedron} has volume {volume_cm3} cm³ with edges up to {longest_cm} cm; remove or remesh slivers"
+    )]
+    FlatTetrahedron {
+        /// Tetrahedron index.
+        tetrahedron: usize,
+        /// Its signed volume, cm³.
+        volume_cm3: f64,
+        /// Its longest edge, cm.
+        longest_cm: f64,
+    },
+    /// A triangle without area.
+    #[error("triangle {triangle} has area {area_cm2} cm²; remove or remesh slivers")]
+    FlatTriangle {
+        /// Triangle index.
+        triangle: usize,
+        /// Its area, cm².
+        area_cm2: f64,
+    },
+    /// An edge that is not on a surface.
+    #[error("edge {a}-{b} joins {n_triangles} triangles; a shell's edge has one or two different ones")]
+    CrowdedEdge {
+        /// One end.
+        a: usize,
+        /// The other.
+        b: usize,
+        /// Triangles around it.
+        n_triangles: usize,
+    },
+    /// A point that belongs to no element has no mass.
+    #[error("point {point} belongs to no element; remove it")]
+    LoosePoint {
+        /// Point index.
+        point: usize,
+    },
+    /// Two joined points at one place.
+    #[error("points {a} and {b} are joined but lie at one place; merge them")]
+    CoincidentPoints {
+        /// One point.
+        a: usize,
+        /// The other.
+        b: usize,
     },
 }

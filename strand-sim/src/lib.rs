@@ -18,6 +18,7 @@
 //! # Ok::<(), strand_sim::Error>(())
 //! ```
 
+pub mod altitude;
 mod body_contact;
 mod drive;
 mod error;
@@ -25,6 +26,7 @@ mod forces;
 mod implicit;
 pub mod lanes;
 mod material;
+pub mod network;
 pub mod rig;
 pub mod solve;
 mod step;
