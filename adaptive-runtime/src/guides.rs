@@ -19,6 +19,9 @@ pub fn material_of(record: &MaterialRecord) -> Material {
         stretch_damping: record.stretch_damping,
         bend_damping: record.bend_damping,
         twist_damping: record.twist_damping,
+        // Altitude springs guard what torsion springs measure, and share their constants: the file need not hold them.
+        altitude_dyn: record.twist,
+        altitude_damping: record.twist_damping,
         friction: record.friction,
         linear_density_g_per_cm: record.linear_density_g_per_cm,
         air_drag_per_s: record.air_drag_per_s,

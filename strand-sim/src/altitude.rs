@@ -27,6 +27,12 @@ const COLLAPSED: f64 = 1e-5;
 /// Longest edge divided by, as a share of the rest size: below it the whole tetrahedron is a point.
 const POINT: f64 = 1e-6;
 
+/// How much larger |c|² another candidate needs to take the place of the one that is least at rest. Departure from MS08 §3.1,
+/// which takes the least length outright: by symmetry several candidates of a hair's tetrahedra tie at rest, and where
+/// they tie under load the force jumps, so that hanging hair never comes to rest (docs/DEVIATIONS.md). What this costs is
+/// a weight slightly below zero before the change.
+const PREFERENCE: f64 = 1.5;
+
 /// Opposite edges of the three edge/edge candidates: the virtual node on the second pair is the positive one.
 const PAIRS: [[usize; 4]; 3] = [[0, 1, 2, 3], [0, 2, 1, 3], [0, 3, 1, 2]];
 
@@ -37,6 +43,8 @@ pub struct AltitudeRest {
     pub length: [f64; CANDIDATES],
     /// Least length that a spring constant is divided by, cm: [`FLOOR`] times the size.
     pub floor: f64,
+    /// The candidate of least length at rest: kept until another is clearly shorter.
+    pub preferred: usize,
 }
 
 /// The rest lengths of one tetrahedron in every strand of a batch.
@@ -46,6 +54,8 @@ pub struct AltitudeRestLanes {
     pub length: [Lane; CANDIDATES],
     /// As [`AltitudeRest::floor`].
     pub floor: Lane,
+    /// As [`AltitudeRest::preferred`], as a number.
+    pub preferred: Lane,
 }
 
 /// The altitude spring in force: F_p = -k·per_length·(length - rest_length)·weight[p]·direction, and
@@ -94,13 +104,19 @@ impl AltitudeRest {
             let area = c.norm();
             if area > no_area { shape.six_volumes / area } else { 0.0 }
         });
-        Self { length, floor: FLOOR * size }
+        let areas = shape.candidates().map(|c| c.norm_squared());
+        let preferred = (1..CANDIDATES).fold(0, |best, i| if areas[i] > areas[best] { i } else { best });
+        Self { length, floor: FLOOR * size, preferred }
     }
 
     /// The same rest lengths in every lane.
     #[must_use]
     pub fn splat(&self) -> AltitudeRestLanes {
-        AltitudeRestLanes { length: self.length.map(|v| [v; LANES]), floor: [self.floor; LANES] }
+        AltitudeRestLanes {
+            length: self.length.map(|v| [v; LANES]),
+            floor: [self.floor; LANES],
+            preferred: [self.preferred as f64; LANES],
+        }
     }
 }
 
@@ -111,12 +127,17 @@ impl AltitudeRestLanes {
             to[lane] = from;
         }
         self.floor[lane] = rest.floor;
+        self.preferred[lane] = rest.preferred as f64;
     }
 
     /// The rest lengths in one lane.
     #[must_use]
     pub fn get(&self, lane: usize) -> AltitudeRest {
-        AltitudeRest { length: self.length.map(|v| v[lane]), floor: self.floor[lane] }
+        AltitudeRest {
+            length: self.length.map(|v| v[lane]),
+            floor: self.floor[lane],
+            preferred: self.preferred[lane] as usize,
+        }
     }
 }
 
@@ -155,14 +176,16 @@ fn edges(x: &[Vector3<f64>; 4]) -> [Vector3<f64>; 6] {
 pub fn altitude(x: &[Vector3<f64>; 4], rest: &AltitudeRest) -> Option<Altitude> {
     let shape = Shape::new(x);
     let mut candidate = 0;
-    let mut area_squared = shape.gradient[0].norm_squared();
     let candidates = shape.candidates();
+    let prefer = |i: usize| if i == rest.preferred { PREFERENCE } else { 1.0 };
+    let mut largest = prefer(0) * candidates[0].norm_squared();
     for (i, c) in candidates.iter().enumerate().skip(1) {
-        let other = c.norm_squared();
-        if other > area_squared {
-            (candidate, area_squared) = (i, other);
+        let other = prefer(i) * c.norm_squared();
+        if other > largest {
+            (candidate, largest) = (i, other);
         }
     }
+    let area_squared = candidates[candidate].norm_squared();
     let longest_squared =
         (x[1] - x[0]).norm_squared().max((x[2] - x[0]).norm_squared()).max((x[3] - x[0]).norm_squared());
     // Every edge is at most twice the longest at corner 0: passing this, the chosen u and v pass MS08's two tests.
@@ -265,19 +288,20 @@ pub fn altitude_lanes(x: [&Lane3; 4], rest: &AltitudeRestLanes) -> AltitudeLanes
         let mut best = s0;
         // s0 is minus the sum of the others; its sign is put right once, on the choice.
         let mut sign = -1.0;
-        let mut area_squared = dot(s0, s0);
+        let preferred = rest.preferred[l];
+        let mut largest = dot(s0, s0) * if preferred == 0.0 { PREFERENCE } else { 1.0 };
         let mut rest_length = rest.length[0][l];
         macro_rules! consider {
             ($candidate:expr, $i:expr) => {
                 let candidate = $candidate;
-                let square = dot(candidate, candidate);
-                let take = square > area_squared;
+                let square = dot(candidate, candidate) * if preferred == f64::from($i) { PREFERENCE } else { 1.0 };
+                let take = square > largest;
                 for k in 0..3 {
                     best[k] = if take { candidate[k] } else { best[k] };
                 }
                 sign = if take { 1.0 } else { sign };
-                area_squared = if take { square } else { area_squared };
-                rest_length = if take { rest.length[$i][l] } else { rest_length };
+                largest = if take { square } else { largest };
+                rest_length = if take { rest.length[$i as usize][l] } else { rest_length };
             };
         }
         consider!(s1, 1);
@@ -286,6 +310,7 @@ pub fn altitude_lanes(x: [&Lane3; 4], rest: &AltitudeRestLanes) -> AltitudeLanes
         consider!(s23, 4);
         consider!(add(s1, s3), 5);
         consider!(add(s1, s2), 6);
+        let area_squared = dot(best, best);
         let longest_squared = dot(a, a).max(dot(b, b)).max(dot(c, c));
         solid[l] = is_solid(area_squared, longest_squared, rest.floor[l]);
         all_solid &= solid[l];

@@ -4,10 +4,11 @@
 //! where the solve starts, X with velocities V. A row is factored as soon as the springs that reach it are in, so that
 //! matrix and factor pass through the first-level cache once.
 
+use crate::altitude::altitude_lanes;
 use crate::body_contact::Contact;
 use crate::forces::{Implicit, Linearised, linearise, linearise_at};
 use crate::lanes::{LANES, Lane, Lane3, ZERO};
-use crate::rig::{Spring, Topology};
+use crate::rig::{ALTITUDE, Spring, Topology};
 use crate::solve::banded::{BandedMatrix, Block};
 use crate::system::Batch;
 use crate::wind::ALONG_OVER_ACROSS;
@@ -78,6 +79,9 @@ pub(crate) fn solve(problem: &Problem, matrix: &mut BandedMatrix, rhs: &mut [Lan
                     }
                 };
                 add_spring(n_kin, spring, &s, problem.h, problem.kinematic, matrix, rhs);
+            }
+            if p >= 3 {
+                add_altitude(problem, p, matrix, rhs);
             }
             while let Some((contact, rest)) = contacts.split_first().filter(|(c, _)| c.ends[1] == p) {
                 contact.add_to(n_kin, problem.h, matrix, rhs);
@@ -187,6 +191,81 @@ fn add_spring(
     for p in 0..3 {
         for l in 0..LANES {
             rhs[3 * a + p][l] += h * s.force[p][l];
+        }
+    }
+}
+
+/// Adds the altitude spring of the tetrahedron whose last particle is `last` (MS08 §3.2).
+#[inline(always)]
+fn add_altitude(problem: &Problem, last: usize, matrix: &mut BandedMatrix, rhs: &mut [Lane]) {
+    let (n_kin, h, first) = (problem.topology.n_kinematic, problem.h, last - 3);
+    let corners = |of: &'_ [Lane3]| -> [Lane3; 4] { [of[first], of[first + 1], of[first + 2], of[last]] };
+    let start = corners(problem.start);
+    let at = problem.guess.map_or(start, corners);
+    let s = altitude_lanes([&at[0], &at[1], &at[2], &at[3]], &problem.batch.altitude_rest[first]);
+    let (stiffness, damping) = (&problem.batch.stiffness[ALTITUDE], &problem.batch.damping[ALTITUDE]);
+    // Weight times direction: how the length changes with each corner.
+    let mut u = [[ZERO; 3]; 4];
+    let mut length = s.length;
+    for c in 0..4 {
+        for k in 0..3 {
+            for l in 0..LANES {
+                u[c][k][l] = s.weight[c][l] * s.direction[k][l];
+            }
+        }
+    }
+    if problem.guess.is_some() {
+        length = ZERO;
+        for c in 0..4 {
+            for k in 0..3 {
+                for l in 0..LANES {
+                    length[l] = u[c][k][l].mul_add(start[c][k][l], length[l]);
+                }
+            }
+        }
+    }
+    let (mut pull, mut along) = (ZERO, ZERO);
+    for l in 0..LANES {
+        let k = stiffness[l] * s.per_length[l];
+        // Without a spring there is no damper either.
+        let b = if s.per_length[l] > 0.0 { damping[l] } else { 0.0 };
+        pull[l] = h * k * (length[l] - s.rest_length[l]);
+        along[l] = h * (problem.implicit.elastic * h).mul_add(k, b);
+    }
+    for c in 0..4 {
+        if first + c < n_kin {
+            // Its new velocity is prescribed and pulls the others along.
+            for l in 0..LANES {
+                let v = &problem.kinematic[first + c];
+                let known = u[c][0][l].mul_add(v[0][l], u[c][1][l].mul_add(v[1][l], u[c][2][l] * v[2][l]));
+                pull[l] = along[l].mul_add(known, pull[l]);
+            }
+            continue;
+        }
+        let row = first + c - n_kin;
+        let mut pushed = [ZERO; 3];
+        for k in 0..3 {
+            for l in 0..LANES {
+                pushed[k][l] = along[l] * u[c][k][l];
+            }
+        }
+        for other in n_kin.saturating_sub(first)..=c {
+            let block = matrix.block(row, first + other - n_kin);
+            for p in 0..3 {
+                for q in 0..3 {
+                    for l in 0..LANES {
+                        block[3 * p + q][l] = pushed[p][l].mul_add(u[other][q][l], block[3 * p + q][l]);
+                    }
+                }
+            }
+        }
+    }
+    for c in n_kin.saturating_sub(first)..4 {
+        let row = first + c - n_kin;
+        for k in 0..3 {
+            for l in 0..LANES {
+                rhs[3 * row + k][l] = (-pull[l]).mul_add(u[c][k][l], rhs[3 * row + k][l]);
+            }
         }
     }
 }

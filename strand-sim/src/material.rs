@@ -14,12 +14,16 @@ pub struct Material {
     pub bend_dyn: f64,
     /// Force of a torsion spring at strain one and 1 cm particle spacing, dyn.
     pub twist_dyn: f64,
+    /// Force of an altitude spring at strain one and 1 cm particle spacing, dyn; AS16 gives none.
+    pub altitude_dyn: f64,
     /// Damping of stretch springs, dyn·s/cm.
     pub stretch_damping: f64,
     /// Damping of bend springs, dyn·s/cm.
     pub bend_damping: f64,
     /// Damping of torsion springs, dyn·s/cm.
     pub twist_damping: f64,
+    /// Damping of altitude springs, dyn·s/cm.
+    pub altitude_damping: f64,
     /// Coulomb friction coefficient of hair on a solid that names none of its own.
     pub friction: f64,
     /// Mass per length, g/cm.
@@ -37,9 +41,11 @@ impl Material {
             stretch_dyn: 3e5,
             bend_dyn: 30.0,
             twist_dyn: 15.0,
+            altitude_dyn: 15.0,
             stretch_damping: 10.0,
             bend_damping: 0.02,
             twist_damping: 0.02,
+            altitude_damping: 0.02,
             friction: 0.05,
             linear_density_g_per_cm: 5e-5,
             air_drag_per_s: 1.0,
@@ -49,7 +55,14 @@ impl Material {
     /// AS16 Table 1, row "wavy"; damping as in [`Material::straight`].
     #[must_use]
     pub fn wavy() -> Self {
-        Self { stretch_dyn: 2e6, bend_dyn: 200.0, twist_dyn: 100.0, friction: 0.1, ..Self::straight() }
+        Self {
+            stretch_dyn: 2e6,
+            bend_dyn: 200.0,
+            twist_dyn: 100.0,
+            altitude_dyn: 100.0,
+            friction: 0.1,
+            ..Self::straight()
+        }
     }
 
     /// Checks every constant.
@@ -61,12 +74,14 @@ impl Material {
             ("stretch_dyn", self.stretch_dyn),
             ("bend_dyn", self.bend_dyn),
             ("twist_dyn", self.twist_dyn),
+            ("altitude_dyn", self.altitude_dyn),
             ("linear_density_g_per_cm", self.linear_density_g_per_cm),
         ];
         let non_negative = [
             ("stretch_damping", self.stretch_damping),
             ("bend_damping", self.bend_damping),
             ("twist_damping", self.twist_damping),
+            ("altitude_damping", self.altitude_damping),
             ("friction", self.friction),
             ("air_drag_per_s", self.air_drag_per_s),
         ];

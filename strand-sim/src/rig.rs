@@ -20,8 +20,11 @@ pub enum SpringKind {
     Torsion,
 }
 
-/// Kinds of spring.
-pub const N_KINDS: usize = 3;
+/// Index of the altitude springs' constants, after those of [`SpringKind`].
+pub(crate) const ALTITUDE: usize = 3;
+
+/// Sets of spring constants: one for each [`SpringKind`] and one for altitude springs.
+pub(crate) const N_CONSTANTS: usize = 4;
 
 /// A spring between rig particles `a < b`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -177,6 +180,12 @@ impl Topology {
         }
         mass
     }
+}
+
+/// Stiffness (dyn) and damping (dyn·s/cm) of the altitude springs in a strand of spacing `h_cm`.
+#[must_use]
+pub fn altitude_constants(material: &Material, h_cm: f64) -> (f64, f64) {
+    (material.altitude_dyn / (h_cm * h_cm), material.altitude_damping)
 }
 
 impl SpringKind {

@@ -61,7 +61,7 @@ impl StepParams {
     pub fn standard() -> Self {
         Self {
             scheme: Scheme::BackwardEuler,
-            substeps: Substeps::Fixed(2),
+            substeps: Substeps::Fixed(4),
             iterations: 1,
             geometric_stiffness: false,
             gravity: Vector3::new(0.0, -981.0, 0.0),

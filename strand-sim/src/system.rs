@@ -4,16 +4,19 @@
 //! interface; inside, strands of one rig kind stand side by side in the lanes of a batch. A strand's result does not
 //! depend on which lane it sits in or which strands share its batch.
 
+use crate::altitude::{AltitudeRest, AltitudeRestLanes, CANDIDATES};
 use crate::error::Error;
 use crate::lanes::{LANES, Lane, Lane3, ZERO};
 use crate::material::Material;
 use crate::rig::perturb::{rig_particles, where_straight};
-use crate::rig::{MIN_PARTICLES, N_KINDS, Perturbed, SpringKind, Topology};
+use crate::rig::{ALTITUDE, MIN_PARTICLES, N_CONSTANTS, Perturbed, SpringKind, Topology, altitude_constants};
 use nalgebra::{Isometry3, Vector3};
 use std::collections::BTreeMap;
 
 /// Shortest strand accepted, cm.
 pub const MIN_LENGTH_CM: f64 = 1e-3;
+
+const NO_ALTITUDE: AltitudeRestLanes = AltitudeRestLanes { length: [ZERO; CANDIDATES], floor: ZERO, preferred: ZERO };
 
 /// Up to [`LANES`] strands of one topology. Lanes past the last strand repeat it and are ignored.
 #[derive(Clone, Debug)]
@@ -27,11 +30,13 @@ pub(crate) struct Batch {
     /// Mass per rig particle, g.
     pub mass: Vec<Lane>,
     /// Force at strain one per kind of spring, dyn.
-    pub stiffness: [Lane; N_KINDS],
+    pub stiffness: [Lane; N_CONSTANTS],
     /// Reciprocal rest length per spring, 1/cm.
     pub inv_rest_length: Vec<Lane>,
     /// Damping per kind of spring, dyn·s/cm.
-    pub damping: [Lane; N_KINDS],
+    pub damping: [Lane; N_CONSTANTS],
+    /// Rest lengths of the altitude springs, one entry for each four consecutive rig particles.
+    pub altitude_rest: Vec<AltitudeRestLanes>,
     /// Rest distance between neighbouring particles of the hair, per segment, cm.
     pub segment_length: Vec<Lane>,
 }
@@ -202,9 +207,10 @@ impl Batch {
             strands: strands.to_vec(),
             rest_in_head: vec![[ZERO; 3]; topology.n_rig],
             mass: vec![ZERO; topology.n_rig],
-            stiffness: [ZERO; N_KINDS],
+            stiffness: [ZERO; N_CONSTANTS],
             inv_rest_length: vec![ZERO; n_springs],
-            damping: [ZERO; N_KINDS],
+            damping: [ZERO; N_CONSTANTS],
+            altitude_rest: vec![NO_ALTITUDE; topology.n_rig - 3],
             segment_length: vec![ZERO; n_main - 1],
         };
         for lane in 0..LANES {
@@ -225,6 +231,12 @@ impl Batch {
                 let (stiffness, damping) = kind.constants(material, h_cm);
                 batch.stiffness[kind as usize][lane] = stiffness;
                 batch.damping[kind as usize][lane] = damping;
+            }
+            let (stiffness, damping) = altitude_constants(material, h_cm);
+            batch.stiffness[ALTITUDE][lane] = stiffness;
+            batch.damping[ALTITUDE][lane] = damping;
+            for (corners, rest) in rig.array_windows().zip(&mut batch.altitude_rest) {
+                rest.set(lane, &AltitudeRest::new(corners));
             }
             for (k, spring) in topology.springs.iter().enumerate() {
                 batch.inv_rest_length[k][lane] = 1.0 / (rig[spring.b] - rig[spring.a]).norm();

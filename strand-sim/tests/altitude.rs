@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use strand_sim::altitude::{Altitude, AltitudeRest, CANDIDATES, FLOOR, altitude, altitude_lanes};
 use strand_sim::lanes::{LANES, Lane3, ZERO};
 use strand_sim::rig::perturb::rig_particles;
-use strand_sim::rig::{RigKind, Topology};
+use strand_sim::rig::{Perturbed, Topology};
 
 type Corners = [Vector3<f64>; 4];
 
@@ -309,13 +309,13 @@ fn every_four_neighbours_of_both_rigs_carry_a_spring() {
             })
             .collect()
     };
-    for (kind, points) in [
-        (RigKind::Straight, straight),
-        (RigKind::Curly, curl(0.3)),
-        (RigKind::Curly, curl(1e-3)),
-        (RigKind::Curly, curl(0.0)),
+    for (perturbed, points) in [
+        (Perturbed::everywhere(25), straight),
+        (Perturbed::nowhere(25), curl(0.3)),
+        (Perturbed::nowhere(25), curl(1e-3)),
+        (Perturbed::nowhere(25), curl(0.0)),
     ] {
-        let rig = rig_particles(&Topology::new(kind, points.len()), &points);
+        let rig = rig_particles(&Topology::new(&perturbed), &points);
         for w in rig.windows(4) {
             let x: Corners = [w[0], w[1], w[2], w[3]];
             let rest = AltitudeRest::new(&x);
