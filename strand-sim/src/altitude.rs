@@ -182,6 +182,29 @@ pub fn altitude(x: &[Vector3<f64>; 4], rest: &AltitudeRest) -> Option<Altitude> 
     })
 }
 
+/// Every candidate whose |u×v| is within a share `tie` of the largest. In the straight rig at rest several tie exactly and
+/// round-off picks among them, so a linear analysis takes their mean.
+pub(crate) fn tied(x: &[Vector3<f64>; 4], rest: &AltitudeRest, tie: f64) -> Vec<Altitude> {
+    let shape = Shape::new(x);
+    let candidates = shape.candidates();
+    let largest = candidates.iter().map(|c| c.norm()).fold(0.0, f64::max);
+    let near = candidates.iter().enumerate().filter(|(_, c)| c.norm() > 0.0 && c.norm() >= largest * (1.0 - tie));
+    near.map(|(candidate, c)| {
+        let inv_area = 1.0 / c.norm();
+        let direction = c * inv_area;
+        let rest_length = rest.length[candidate];
+        Altitude {
+            weight: shape.gradient.map(|s| s.dot(&direction) * inv_area),
+            direction,
+            length: shape.six_volumes * inv_area,
+            rest_length,
+            per_length: 1.0 / rest_length.abs().max(rest.floor),
+            candidate,
+        }
+    })
+    .collect()
+}
+
 /// Whether the largest |u×v| is a sound direction. False for anything not finite.
 #[inline(always)]
 fn is_solid(area_squared: f64, longest_squared: f64, floor: f64) -> bool {

@@ -30,6 +30,7 @@ pub mod network;
 pub mod rig;
 pub mod solve;
 mod step;
+pub mod stiffness;
 mod strain_limit;
 mod system;
 
