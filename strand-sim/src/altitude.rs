@@ -13,6 +13,11 @@ use nalgebra::Vector3;
 /// Candidates of a tetrahedron: a point over its face for particles 0 to 3, then the edges 01|23, 02|13, 03|12.
 pub const CANDIDATES: usize = 7;
 
+/// Factor on an edge/edge candidate's |u×v|² in the comparison. Departure from MS08, where it is one: in the straight rig at
+/// rest a point/face and an edge/edge spring tie exactly, round-off would pick between them all along the hair, and they
+/// differ by 1.7 in EI and 2.5 in GJ. No weight falls below 1 - √1.1 = -0.049, so forces stay bounded.
+pub const EDGE_PREFERENCE: f64 = 1.1;
+
 /// Smallest length a spring constant is divided by, as a share of the tetrahedron's size (root mean square of its six
 /// rest edges). Departure from MS08: a flat rest shape has l0 = 0 and k/l0 is infinite. Only the divisor is floored, not
 /// the length aimed at, so a flat rest shape stays free of stress.
@@ -48,7 +53,7 @@ pub struct AltitudeRestLanes {
     pub floor: Lane,
 }
 
-/// The altitude spring in force: F_p = -k·per_length·(length - rest_length)·weight[p]·direction, and
+/// The altitude spring in force: F_p = -k·per_length·(length - rest_length)·`weight[p]`·direction, and
 /// (h·b + h²·k·per_length)(w⊗d)(w⊗d)ᵀ in the implicit matrix.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Altitude {
@@ -147,22 +152,22 @@ fn edges(x: &[Vector3<f64>; 4]) -> [Vector3<f64>; 6] {
 }
 
 /// The altitude spring of the tetrahedron with corners `x` (cm), or none where an edge has collapsed.
-/// Implements MS08 §3.1: of four point/face and three edge/edge springs the one of least length, largest |u×v|.
+/// Implements MS08 §3.1: of four point/face and three edge/edge springs the one of least length, largest |u×v|,
+/// edges preferred by [`EDGE_PREFERENCE`].
 ///
-/// Force jumps where two candidates tie, but for two places: at rest it is zero for either, and in a flat shape the tied
-/// candidates have one direction, the same weights and, floor apart, the same force k.
+/// Force jumps where the choice changes, but for one place: at rest it is zero for either.
 #[must_use]
 pub fn altitude(x: &[Vector3<f64>; 4], rest: &AltitudeRest) -> Option<Altitude> {
     let shape = Shape::new(x);
-    let mut candidate = 0;
-    let mut area_squared = shape.gradient[0].norm_squared();
     let candidates = shape.candidates();
+    let (mut candidate, mut best) = (0, candidates[0].norm_squared());
     for (i, c) in candidates.iter().enumerate().skip(1) {
-        let other = c.norm_squared();
-        if other > area_squared {
-            (candidate, area_squared) = (i, other);
+        let score = c.norm_squared() * if i < 4 { 1.0 } else { EDGE_PREFERENCE };
+        if score > best {
+            (candidate, best) = (i, score);
         }
     }
+    let area_squared = candidates[candidate].norm_squared();
     let longest_squared =
         (x[1] - x[0]).norm_squared().max((x[2] - x[0]).norm_squared()).max((x[3] - x[0]).norm_squared());
     // Every edge is at most twice the longest at corner 0: passing this, the chosen u and v pass MS08's two tests.
@@ -180,29 +185,6 @@ pub fn altitude(x: &[Vector3<f64>; 4], rest: &AltitudeRest) -> Option<Altitude> 
         per_length: 1.0 / rest_length.abs().max(rest.floor),
         candidate,
     })
-}
-
-/// Every candidate whose |u×v| is within a share `tie` of the largest. In the straight rig at rest several tie exactly and
-/// round-off picks among them, so a linear analysis takes their mean.
-pub(crate) fn tied(x: &[Vector3<f64>; 4], rest: &AltitudeRest, tie: f64) -> Vec<Altitude> {
-    let shape = Shape::new(x);
-    let candidates = shape.candidates();
-    let largest = candidates.iter().map(|c| c.norm()).fold(0.0, f64::max);
-    let near = candidates.iter().enumerate().filter(|(_, c)| c.norm() > 0.0 && c.norm() >= largest * (1.0 - tie));
-    near.map(|(candidate, c)| {
-        let inv_area = 1.0 / c.norm();
-        let direction = c * inv_area;
-        let rest_length = rest.length[candidate];
-        Altitude {
-            weight: shape.gradient.map(|s| s.dot(&direction) * inv_area),
-            direction,
-            length: shape.six_volumes * inv_area,
-            rest_length,
-            per_length: 1.0 / rest_length.abs().max(rest.floor),
-            candidate,
-        }
-    })
-    .collect()
 }
 
 /// Whether the largest |u×v| is a sound direction. False for anything not finite.
@@ -288,27 +270,28 @@ pub fn altitude_lanes(x: [&Lane3; 4], rest: &AltitudeRestLanes) -> AltitudeLanes
         let mut best = s0;
         // s0 is minus the sum of the others; its sign is put right once, on the choice.
         let mut sign = -1.0;
-        let mut area_squared = dot(s0, s0);
+        let mut best_score = dot(s0, s0);
         let mut rest_length = rest.length[0][l];
         macro_rules! consider {
-            ($candidate:expr, $i:expr) => {
+            ($candidate:expr, $i:expr, $preference:expr) => {
                 let candidate = $candidate;
-                let square = dot(candidate, candidate);
-                let take = square > area_squared;
+                let score = dot(candidate, candidate) * $preference;
+                let take = score > best_score;
                 for k in 0..3 {
                     best[k] = if take { candidate[k] } else { best[k] };
                 }
                 sign = if take { 1.0 } else { sign };
-                area_squared = if take { square } else { area_squared };
+                best_score = if take { score } else { best_score };
                 rest_length = if take { rest.length[$i][l] } else { rest_length };
             };
         }
-        consider!(s1, 1);
-        consider!(s2, 2);
-        consider!(s3, 3);
-        consider!(s23, 4);
-        consider!(add(s1, s3), 5);
-        consider!(add(s1, s2), 6);
+        consider!(s1, 1, 1.0);
+        consider!(s2, 2, 1.0);
+        consider!(s3, 3, 1.0);
+        consider!(s23, 4, EDGE_PREFERENCE);
+        consider!(add(s1, s3), 5, EDGE_PREFERENCE);
+        consider!(add(s1, s2), 6, EDGE_PREFERENCE);
+        let area_squared = dot(best, best);
         let longest_squared = dot(a, a).max(dot(b, b)).max(dot(c, c));
         solid[l] = is_solid(area_squared, longest_squared, rest.floor[l]);
         all_solid &= solid[l];

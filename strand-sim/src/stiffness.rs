@@ -5,7 +5,7 @@
 //! moment over curvature (twist) in the interior is EI (GJ), perturbed particles relaxed. A curly rig of constant turn and
 //! twist has one particle a cell and nothing to relax: its stiffness is the second derivative of a cell's energy.
 
-use crate::altitude::{AltitudeRest, altitude, tied};
+use crate::altitude::{AltitudeRest, altitude};
 use crate::error::Error;
 use crate::rig::perturb::rig_particles;
 use crate::rig::{RigKind, SpringKind, Topology};
@@ -16,9 +16,6 @@ const N_SEGMENTS: usize = 20;
 
 /// Segments after which the straight rig repeats: four right angles.
 const PERIOD: usize = 4;
-
-/// Candidates of an altitude spring nearer than this tie: far above round-off, far below any strain.
-const TIE: f64 = 1e-9;
 
 /// Relative error at which a calibration is done; round-off of the solve is below 1e-7, since edges are 1e4 times stiffer.
 const CALIBRATED: f64 = 1e-6;
@@ -206,11 +203,8 @@ impl Structure {
         for first in 0..rig.len() - 3 {
             let corners = [first, first + 1, first + 2, first + 3];
             let x = corners.map(|c| rig[c]);
-            // In motion one of the tied candidates acts at a time, which one by chance: their mean is taken.
-            let tied = tied(&x, &AltitudeRest::new(&x), TIE);
-            for a in &tied {
-                let share = constants.altitude_dyn / tied.len() as f64;
-                add(&corners, &a.weight, a.direction, share * a.per_length);
+            if let Some(a) = altitude(&x, &AltitudeRest::new(&x)) {
+                add(&corners, &a.weight, a.direction, constants.altitude_dyn * a.per_length);
             }
         }
         // Six coordinates: one end, the other end's sides, and the turn of the first perturbed particle.
