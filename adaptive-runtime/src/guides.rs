@@ -7,7 +7,9 @@ use collision::MovingSolid;
 use io_formats::guide_transform::{Blend, DisplacementTransform, guide_transforms};
 use io_formats::skinning_model::{MaterialRecord, SkinningModel};
 use nalgebra::{Isometry3, Point3, Vector3};
-use strand_sim::{Material, StepInput, StepParams, StepReport, StepWorkspace, StrandState, StrandSystem};
+use strand_sim::{
+    ALTITUDE_PER_TWIST, Material, StepInput, StepParams, StepReport, StepWorkspace, StrandState, StrandSystem,
+};
 
 /// A model's material as the simulator reads it.
 #[must_use]
@@ -19,8 +21,8 @@ pub fn material_of(record: &MaterialRecord) -> Material {
         stretch_damping: record.stretch_damping,
         bend_damping: record.bend_damping,
         twist_damping: record.twist_damping,
-        // Altitude springs guard what torsion springs measure, and share their constants: the file need not hold them.
-        altitude_dyn: record.twist,
+        // Altitude springs follow from torsion springs: the file need not hold them.
+        altitude_dyn: ALTITUDE_PER_TWIST * record.twist,
         altitude_damping: record.twist_damping,
         friction: record.friction,
         linear_density_g_per_cm: record.linear_density_g_per_cm,

@@ -13,6 +13,11 @@ use nalgebra::Vector3;
 /// Candidates of a tetrahedron: a point over its face for particles 0 to 3, then the edges 01|23, 02|13, 03|12.
 pub const CANDIDATES: usize = 7;
 
+/// Factor on an edge/edge candidate's |u×v|² when the rest shape chooses. Departure from MS08, where it is one: in the
+/// straight rig at rest a point/face and an edge/edge spring tie exactly, round-off would pick between them all along the
+/// hair, and they differ by 1.7 in EI and 2.5 in GJ.
+pub const EDGE_PREFERENCE: f64 = 1.1;
+
 /// Smallest length a spring constant is divided by, as a share of the tetrahedron's size (root mean square of its six
 /// rest edges). Departure from MS08: a flat rest shape has l0 = 0 and k/l0 is infinite. Only the divisor is floored, not
 /// the length aimed at, so a flat rest shape stays free of stress.
@@ -27,11 +32,11 @@ const COLLAPSED: f64 = 1e-5;
 /// Longest edge divided by, as a share of the rest size: below it the whole tetrahedron is a point.
 const POINT: f64 = 1e-6;
 
-/// How much larger |c|² another candidate needs to take the place of the one that is least at rest. Departure from MS08 §3.1,
+/// How much larger |u×v|² another candidate needs to take the place of the one that is least at rest. Departure from MS08 §3.1,
 /// which takes the least length outright: by symmetry several candidates of a hair's tetrahedra tie at rest, and where
 /// they tie under load the force jumps, so that hanging hair never comes to rest (docs/DEVIATIONS.md). What this costs is
-/// a weight slightly below zero before the change.
-const PREFERENCE: f64 = 1.5;
+/// a weight a little below zero, no less than 1 - √1.5 = -0.22, before the change: forces stay bounded.
+pub const PREFERENCE: f64 = 1.5;
 
 /// Opposite edges of the three edge/edge candidates: the virtual node on the second pair is the positive one.
 const PAIRS: [[usize; 4]; 3] = [[0, 1, 2, 3], [0, 2, 1, 3], [0, 3, 1, 2]];
@@ -58,7 +63,7 @@ pub struct AltitudeRestLanes {
     pub preferred: Lane,
 }
 
-/// The altitude spring in force: F_p = -k·per_length·(length - rest_length)·weight[p]·direction, and
+/// The altitude spring in force: F_p = -k·per_length·(length - rest_length)·`weight[p]`·direction, and
 /// (h·b + h²·k·per_length)(w⊗d)(w⊗d)ᵀ in the implicit matrix.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Altitude {
@@ -105,7 +110,8 @@ impl AltitudeRest {
             if area > no_area { shape.six_volumes / area } else { 0.0 }
         });
         let areas = shape.candidates().map(|c| c.norm_squared());
-        let preferred = (1..CANDIDATES).fold(0, |best, i| if areas[i] > areas[best] { i } else { best });
+        let score = |i: usize| if i < 4 { areas[i] } else { EDGE_PREFERENCE * areas[i] };
+        let preferred = (1..CANDIDATES).fold(0, |best, i| if score(i) > score(best) { i } else { best });
         Self { length, floor: FLOOR * size, preferred }
     }
 
@@ -168,10 +174,10 @@ fn edges(x: &[Vector3<f64>; 4]) -> [Vector3<f64>; 6] {
 }
 
 /// The altitude spring of the tetrahedron with corners `x` (cm), or none where an edge has collapsed.
-/// Implements MS08 §3.1: of four point/face and three edge/edge springs the one of least length, largest |u×v|.
+/// Implements MS08 §3.1: of four point/face and three edge/edge springs the one of least length, largest |u×v|,
+/// that of the rest shape preferred by [`PREFERENCE`].
 ///
-/// Force jumps where two candidates tie, but for two places: at rest it is zero for either, and in a flat shape the tied
-/// candidates have one direction, the same weights and, floor apart, the same force k.
+/// Force jumps where the choice changes, but for one place: at rest it is zero for either.
 #[must_use]
 pub fn altitude(x: &[Vector3<f64>; 4], rest: &AltitudeRest) -> Option<Altitude> {
     let shape = Shape::new(x);
@@ -292,7 +298,7 @@ pub fn altitude_lanes(x: [&Lane3; 4], rest: &AltitudeRestLanes) -> AltitudeLanes
         let mut largest = dot(s0, s0) * if preferred == 0.0 { PREFERENCE } else { 1.0 };
         let mut rest_length = rest.length[0][l];
         macro_rules! consider {
-            ($candidate:expr, $i:expr) => {
+            ($candidate:expr, $i:expr, $preference:expr) => {
                 let candidate = $candidate;
                 let square = dot(candidate, candidate) * if preferred == f64::from($i) { PREFERENCE } else { 1.0 };
                 let take = square > largest;

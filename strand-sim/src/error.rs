@@ -108,4 +108,24 @@ pub enum Error {
         /// The other.
         b: usize,
     },
+    /// Spring constants that leave some motion without resistance.
+    #[error(
+        "the spring network of spacing {h_cm} cm has a motion that no spring resists; make every constant positive"
+    )]
+    SlackNetwork {
+        /// Spacing, cm.
+        h_cm: f64,
+    },
+    /// No positive spring constants have that bending and torsion stiffness.
+    #[error(
+        "no springs of spacing {h_cm} cm have EI = {ei} and GJ = {gj} dyn·cm²; change their ratio or stiffen the edges"
+    )]
+    OutOfReach {
+        /// Bending stiffness asked, dyn·cm².
+        ei: f64,
+        /// Torsion stiffness asked, dyn·cm².
+        gj: f64,
+        /// Spacing, cm.
+        h_cm: f64,
+    },
 }
