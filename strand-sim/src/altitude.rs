@@ -298,7 +298,7 @@ pub fn altitude_lanes(x: [&Lane3; 4], rest: &AltitudeRestLanes) -> AltitudeLanes
         let mut largest = dot(s0, s0) * if preferred == 0.0 { PREFERENCE } else { 1.0 };
         let mut rest_length = rest.length[0][l];
         macro_rules! consider {
-            ($candidate:expr, $i:expr, $preference:expr) => {
+            ($candidate:expr, $i:expr) => {
                 let candidate = $candidate;
                 let square = dot(candidate, candidate) * if preferred == f64::from($i) { PREFERENCE } else { 1.0 };
                 let take = square > largest;
