@@ -23,6 +23,7 @@
 mod body_contact;
 mod error;
 mod forces;
+pub mod interaction;
 pub mod lanes;
 mod material;
 pub mod rig;
