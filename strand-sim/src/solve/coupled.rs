@@ -283,3 +283,227 @@ fn dot(
     });
     partial.iter().fold([0.0; 2], |sum, p| [sum[0] + p[0], sum[1] + p[1]])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::solve::jacobi_cg::{JacobiWorkspace, PRESCRIBED, SpringTerm, solve_jacobi};
+    use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+
+    /// Asked of the iteration, and what the solution then owes the dense one at the conditions used here.
+    const TIGHT: CoupledParams = CoupledParams { relative_tolerance: 1e-12, max_iterations: 400 };
+    const SOLUTION: f64 = 1e-9;
+
+    struct Random(u64);
+
+    impl Random {
+        fn next(&mut self) -> f64 {
+            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((self.0 >> 11) as f64) / ((1_u64 << 52) as f64) - 1.0
+        }
+
+        fn vector(&mut self) -> Vector3<f64> {
+            Vector3::from_fn(|_, _| self.next())
+        }
+    }
+
+    /// Chains of unit springs between particles of unit mass, factored, and random links of a given strength.
+    struct Problem {
+        n_each: usize,
+        chains: Vec<DMatrix<f64>>,
+        factors: Vec<Cholesky<f64, Dyn>>,
+        links: Vec<RankOne>,
+        b: Vec<Vector3<f64>>,
+    }
+
+    impl Problem {
+        fn new(seed: u64, n_strands: usize, n_each: usize, n_links: usize, strength: f64) -> Self {
+            let mut random = Random(seed);
+            let chains: Vec<_> = (0..n_strands)
+                .map(|_| {
+                    let mut a = DMatrix::identity(3 * n_each, 3 * n_each);
+                    for i in 0..n_each - 1 {
+                        let d = random.vector().normalize();
+                        let block = d * d.transpose() * 30.0;
+                        for (row, col, sign) in [(i, i, 1.0), (i + 1, i + 1, 1.0), (i, i + 1, -1.0), (i + 1, i, -1.0)] {
+                            let mut view = a.fixed_view_mut::<3, 3>(3 * row, 3 * col);
+                            view += block * sign;
+                        }
+                    }
+                    a
+                })
+                .collect();
+            let factors = chains.iter().map(|a| a.clone().cholesky().expect("definite")).collect();
+            let links = (0..n_links)
+                .map(|_| {
+                    let mut unknowns = [NO_UNKNOWN; 4];
+                    for side in 0..2 {
+                        let strand = ((random.next().abs() * n_strands as f64) as usize).min(n_strands - 1);
+                        let at = ((random.next().abs() * (n_each - 1) as f64) as usize).min(n_each - 2);
+                        unknowns[2 * side] = (strand * n_each + at) as u32;
+                        unknowns[2 * side + 1] = (strand * n_each + at + 1) as u32;
+                        // Some hang on a root, which is no unknown.
+                        if at == 0 {
+                            unknowns[2 * side] = NO_UNKNOWN;
+                        }
+                    }
+                    let (s, t) = (random.next().abs(), random.next().abs());
+                    let weights = [s - 1.0, -s, 1.0 - t, t];
+                    RankOne { unknowns, weights, direction: random.vector().normalize(), coefficient: strength }
+                })
+                .collect();
+            let b = (0..n_strands * n_each).map(|_| random.vector()).collect();
+            Self { n_each, chains, factors, links, b }
+        }
+
+        fn precondition(&self, r: &[Vector3<f64>], z: &mut [Vector3<f64>]) {
+            for (strand, factor) in self.factors.iter().enumerate() {
+                let range = strand * self.n_each..(strand + 1) * self.n_each;
+                let solved = factor.solve(&flat(&r[range.clone()]));
+                for (k, z) in z[range].iter_mut().enumerate() {
+                    *z = solved.fixed_rows::<3>(3 * k).into();
+                }
+            }
+        }
+
+        fn solve(&self, guess: &[Vector3<f64>], params: &CoupledParams) -> (Vec<Vector3<f64>>, CoupledReport) {
+            let mut v = guess.to_vec();
+            let mut workspace = CoupledWorkspace::default();
+            let report =
+                solve_coupled(&self.links, &self.b, &mut v, |r, z| self.precondition(r, z), params, &mut workspace);
+            (v, report)
+        }
+
+        fn dense(&self) -> Vec<Vector3<f64>> {
+            let n = 3 * self.b.len();
+            let mut a = DMatrix::<f64>::zeros(n, n);
+            for (strand, chain) in self.chains.iter().enumerate() {
+                let (at, size) = (3 * strand * self.n_each, 3 * self.n_each);
+                a.view_mut((at, at), (size, size)).copy_from(chain);
+            }
+            for link in &self.links {
+                let mut w = DVector::<f64>::zeros(n);
+                for k in (0..4).filter(|&k| link.unknowns[k] != NO_UNKNOWN) {
+                    let mut rows = w.fixed_rows_mut::<3>(3 * link.unknowns[k] as usize);
+                    rows += link.direction * link.weights[k];
+                }
+                a += &w * w.transpose() * link.coefficient;
+            }
+            let x = a.cholesky().expect("definite").solve(&flat(&self.b));
+            (0..self.b.len()).map(|k| x.fixed_rows::<3>(3 * k).into()).collect()
+        }
+
+        fn zero(&self) -> Vec<Vector3<f64>> {
+            vec![Vector3::zeros(); self.b.len()]
+        }
+    }
+
+    fn flat(v: &[Vector3<f64>]) -> DVector<f64> {
+        DVector::from_iterator(3 * v.len(), v.iter().flat_map(|x| [x.x, x.y, x.z]))
+    }
+
+    fn assert_near(a: &[Vector3<f64>], b: &[Vector3<f64>]) {
+        assert!((flat(a) - flat(b)).norm() < SOLUTION * flat(b).norm());
+    }
+
+    #[test]
+    fn the_coupled_solve_agrees_with_a_dense_one() {
+        for (seed, strength) in [(1, 0.1), (2, 3.0), (3, 300.0)] {
+            let problem = Problem::new(seed, 8, 10, 60, strength);
+            let (v, report) = problem.solve(&problem.zero(), &TIGHT);
+            assert_eq!(report.status, CoupledStatus::Converged);
+            assert!(report.iterations > 2 && report.relative_residual <= TIGHT.relative_tolerance);
+            assert_near(&v, &problem.dense());
+            // Any guess leads to the same answer.
+            let guess: Vec<_> = problem.b.iter().map(|b| b * 100.0 + Vector3::x()).collect();
+            assert_near(&problem.solve(&guess, &TIGHT).0, &problem.dense());
+        }
+    }
+
+    #[test]
+    fn without_links_the_first_solve_is_the_answer() {
+        let problem = Problem::new(4, 5, 8, 0, 0.0);
+        let (v, report) = problem.solve(&problem.zero(), &TIGHT);
+        assert_eq!((report.status, report.iterations), (CoupledStatus::Converged, 1));
+        let mut direct = problem.zero();
+        problem.precondition(&problem.b, &mut direct);
+        assert_eq!(v, direct);
+    }
+
+    #[test]
+    fn the_answer_as_guess_is_recognised() {
+        let problem = Problem::new(5, 8, 10, 60, 30.0);
+        let params = CoupledParams { relative_tolerance: 1e-8, ..TIGHT };
+        let (_, cold) = problem.solve(&problem.zero(), &params);
+        let (_, warm) = problem.solve(&problem.dense(), &params);
+        // One solve for b, one for the guess, one that finds nothing left.
+        assert_eq!(warm.iterations, 3);
+        assert!(cold.iterations > 10);
+    }
+
+    #[test]
+    fn a_solve_cut_short_says_so_and_is_better_than_none() {
+        let problem = Problem::new(6, 8, 10, 60, 30.0);
+        let (v, report) =
+            problem.solve(&problem.zero(), &CoupledParams { relative_tolerance: 1e-12, max_iterations: 6 });
+        assert_eq!((report.status, report.iterations), (CoupledStatus::IterationLimit, 6));
+        let mut unlinked = problem.zero();
+        problem.precondition(&problem.b, &mut unlinked);
+        let dense = flat(&problem.dense());
+        assert!((flat(&v) - &dense).norm() < 0.5 * (flat(&unlinked) - &dense).norm());
+    }
+
+    #[test]
+    fn broken_numbers_end_the_solve() {
+        let mut problem = Problem::new(7, 4, 6, 10, 1.0);
+        problem.b[5].y = f64::NAN;
+        let (_, report) = problem.solve(&problem.zero(), &TIGHT);
+        assert_eq!(report.status, CoupledStatus::Breakdown);
+        problem.b.fill(Vector3::zeros());
+        let (v, report) = problem.solve(&problem.zero(), &TIGHT);
+        assert_eq!((report.status, v), (CoupledStatus::Converged, problem.zero()));
+    }
+
+    #[test]
+    fn the_coupled_solve_does_not_depend_on_the_thread_count() {
+        let problem = Problem::new(8, 700, 10, 4_000, 3.0);
+        let with = |n_threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().expect("threads");
+            pool.install(|| problem.solve(&problem.zero(), &CoupledParams::standard()))
+        };
+        let one = with(1);
+        assert_eq!(one.1.status, CoupledStatus::Converged);
+        assert!(with(2) == one && with(8) == one);
+    }
+
+    #[test]
+    fn the_plain_solve_of_one_strand_agrees_with_a_dense_one() {
+        let (n, mut random) = (20, Random(9));
+        let mass: Vec<f64> = (0..n).map(|_| 1.0 + 0.5 * random.next()).collect();
+        let mut springs: Vec<_> = (0..n - 1)
+            .map(|a| SpringTerm { a, b: a + 1, direction: random.vector().normalize(), along: 50.0, around: 2.0 })
+            .collect();
+        springs.push(SpringTerm { a: PRESCRIBED, b: 0, direction: Vector3::x(), along: 100.0, around: 0.5 });
+        let mut dense = DMatrix::from_diagonal(&DVector::from_fn(3 * n, |k, _| mass[k / 3]));
+        for s in &springs {
+            let block = s.direction * s.direction.transpose() * s.along + nalgebra::Matrix3::identity() * s.around;
+            for (row, col, sign) in [(s.a, s.a, 1.0), (s.b, s.b, 1.0), (s.a, s.b, -1.0), (s.b, s.a, -1.0)] {
+                if row != PRESCRIBED && col != PRESCRIBED {
+                    let mut view = dense.fixed_view_mut::<3, 3>(3 * row, 3 * col);
+                    view += block * sign;
+                }
+            }
+        }
+        let b: Vec<_> = (0..n).map(|_| random.vector()).collect();
+        let expected = dense.cholesky().expect("definite").solve(&flat(&b));
+        let (mut v, mut workspace) = (vec![Vector3::zeros(); n], JacobiWorkspace::default());
+        let cold = solve_jacobi(&mass, &springs, &b, &mut v, 1e-12, 1_000, &mut workspace);
+        assert!(cold.converged && (flat(&v) - &expected).norm() < SOLUTION * expected.norm());
+        // From the answer only the residual is looked at.
+        let warm = solve_jacobi(&mass, &springs, &b, &mut v, 1e-11, 1_000, &mut workspace);
+        assert!(warm.converged && warm.iterations == 1 && cold.iterations > 10);
+        v.fill(Vector3::zeros());
+        let short = solve_jacobi(&mass, &springs, &b, &mut v, 1e-12, 3, &mut workspace);
+        assert!(!short.converged && short.iterations == 3 && short.relative_residual > 1e-12);
+    }
+}
