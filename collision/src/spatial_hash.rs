@@ -1,7 +1,7 @@
 //! Which boxes of many small segments overlap: a hashed uniform grid, rebuilt every step.
 //!
 //! Hair segments are of similar length, so each box is filed once, under the cell of its lowest corner, in a grid whose
-//! cells are half its size class; boxes of another size (a strand stretched over a fast step) have a grid of twice the
+//! cells are a third of its size class; boxes of another size (a strand stretched over a fast step) have a grid of twice the
 //! cell, and so on. Cells along x share one run of buckets, so a query reads a few runs of neighbours. Invariant: the
 //! pairs found are exactly the overlapping ones, each once, sorted, for any number of threads; nothing is allocated once
 //! warm. MS08 §5.2 and §5.3 use a hierarchy of boxes for the same purpose.
@@ -13,10 +13,16 @@ use rayon::prelude::*;
 const CHUNK: usize = 1024;
 
 /// Candidates compared at once.
-const WIDTH: usize = 16;
+const WIDTH: usize = 8;
 
-/// Largest box of the lowest size class, as a multiple of the mean: hair of one length, in any direction, fits.
-const CLASS_OF_MEAN: f64 = 1.3;
+/// Largest box that is still of one class with the mean one, as a multiple of it: hair of one length, in any direction.
+const CLASS_OF_MEAN: f64 = 1.8;
+
+/// Cells per class size: narrower ones would mean more runs of neighbours, wider ones longer runs.
+const CELLS_PER_SIZE: f64 = 3.0;
+
+/// Margin on a size: the difference of two `f32` need not be exact in `f64`.
+const SIZE_ROUND_OFF: f64 = 1e-9;
 
 /// Level of a box that takes part in nothing.
 const NOWHERE: u8 = u8::MAX;
@@ -98,12 +104,15 @@ pub struct Pair<T> {
 #[derive(Clone, Debug)]
 pub struct PairList<T> {
     pairs: Vec<Pair<T>>,
+    /// Pairs as found, per piece of work.
     chunks: Vec<Vec<Pair<T>>>,
+    /// End of the pairs of each lower segment.
+    row_end: Vec<u32>,
 }
 
 impl<T> Default for PairList<T> {
     fn default() -> Self {
-        Self { pairs: Vec::new(), chunks: Vec::new() }
+        Self { pairs: Vec::new(), chunks: Vec::new(), row_end: Vec::new() }
     }
 }
 
@@ -112,6 +121,36 @@ impl<T> PairList<T> {
     #[must_use]
     pub fn pairs(&self) -> &[Pair<T>] {
         &self.pairs
+    }
+}
+
+impl<T: Copy> PairList<T> {
+    /// Puts the first chunks together in ascending order: a counting sort by the lower segment, of which each has few.
+    fn put_in_order(&mut self, n_chunks: usize, n_segments: usize) {
+        let Self { pairs, chunks, row_end } = self;
+        pairs.clear();
+        for chunk in &chunks[..n_chunks] {
+            pairs.extend_from_slice(chunk);
+        }
+        row_end.clear();
+        row_end.resize(n_segments, 0);
+        for pair in pairs.iter() {
+            row_end[pair.i as usize] += 1;
+        }
+        let mut sum = 0;
+        for end in row_end.iter_mut() {
+            (sum, *end) = (sum + *end, sum);
+        }
+        for pair in chunks[..n_chunks].iter().flatten() {
+            let end = &mut row_end[pair.i as usize];
+            pairs[*end as usize] = *pair;
+            *end += 1;
+        }
+        let mut begin = 0;
+        for &end in row_end.iter() {
+            pairs[begin..end as usize].sort_unstable_by_key(|p| p.j);
+            begin = end as usize;
+        }
     }
 }
 
@@ -129,8 +168,8 @@ pub struct SegmentGrid {
     base_size: f64,
     /// Levels in use, ascending.
     levels: Vec<u8>,
-    /// Partial sums of the box sizes, per chunk.
-    sums: Vec<(f64, u32)>,
+    /// Sum, number and maximum of the box sizes, per chunk.
+    sums: Vec<(f64, u32, f64)>,
     /// Segments in bucket order.
     entry: Vec<u32>,
     /// Row of each entry, and its box, component by component.
@@ -143,19 +182,24 @@ impl SegmentGrid {
     /// Files `n` segments under the boxes given. Segments with an empty box take part in no pair.
     pub fn rebuild(&mut self, n: usize, segment_box: impl Fn(usize) -> SegmentBox + Sync) {
         self.boxes.resize(n, SegmentBox::EMPTY);
-        self.sums.resize(n.div_ceil(CHUNK), (0.0, 0));
+        self.sums.resize(n.div_ceil(CHUNK), (0.0, 0, 0.0));
         self.boxes.par_chunks_mut(CHUNK).zip(&mut self.sums).enumerate().for_each(|(chunk, (boxes, sum))| {
-            *sum = (0.0, 0);
+            *sum = (0.0, 0, 0.0);
             for (k, b) in boxes.iter_mut().enumerate() {
                 *b = segment_box(chunk * CHUNK + k);
                 if !b.is_empty() {
-                    *sum = (sum.0 + b.size(), sum.1 + 1);
+                    *sum = (sum.0 + b.size(), sum.1 + 1, sum.2.max(b.size()));
                 }
             }
         });
-        let (size, count) = self.sums.iter().fold((0.0, 0u32), |(s, c), &(size, count)| (s + size, c + count));
-        let mean = size / f64::from(count.max(1));
-        self.base_size = if mean > 0.0 { CLASS_OF_MEAN * mean } else { 1.0 };
+        let all = self.sums.iter().fold((0.0, 0u32, 0.0f64), |s, c| (s.0 + c.0, s.1 + c.1, s.2.max(c.2)));
+        let mean = all.0 / f64::from(all.1.max(1));
+        let one_class = all.2 * (1.0 + SIZE_ROUND_OFF);
+        self.base_size = if one_class <= CLASS_OF_MEAN * mean { one_class } else { mean };
+        // Boxes of no size, or none at all.
+        if !(self.base_size > f64::MIN_POSITIVE) {
+            self.base_size = 1.0;
+        }
         self.assign_buckets();
         self.sort_into_buckets();
         self.copy_entries();
@@ -250,14 +294,61 @@ impl SegmentGrid {
         list: &mut PairList<T>,
         keep: impl Fn(usize, usize) -> Option<T> + Sync,
     ) {
-        self.collect_active(list, |_| true, keep);
+        self.gather(
+            list,
+            |i, add| {
+                let own_level = self.level[i];
+                let [_, own_y, own_z] = cell_of(self.boxes[i].min, class_size(self.base_size, own_level));
+                for &level in self.levels.iter().filter(|&&l| l >= own_level) {
+                    if level > own_level {
+                        self.for_overlapping(i, level, None, add);
+                    } else {
+                        // Each pair of one class is found once, from the one in the earlier row.
+                        self.for_overlapping(i, level, Some([own_y, own_z]), add);
+                    }
+                }
+            },
+            keep,
+        );
     }
 
-    /// As [`Self::collect`], of pairs with at least one active segment only; the others cost next to nothing.
+    /// As [`Self::collect`], of pairs with at least one active segment only; where few are, this is much cheaper.
     pub fn collect_active<T: Copy + Send + Sync>(
         &self,
         list: &mut PairList<T>,
         active: impl Fn(usize) -> bool + Sync,
+        keep: impl Fn(usize, usize) -> Option<T> + Sync,
+    ) {
+        self.gather(
+            list,
+            |i, add| {
+                let (own_level, i_active) = (self.level[i], active(i));
+                for &level in self.levels.iter().filter(|&&l| l >= own_level) {
+                    if level > own_level {
+                        self.for_overlapping(i, level, None, &mut |j| {
+                            if i_active || active(j) {
+                                add(j);
+                            }
+                        });
+                    } else if i_active {
+                        // Of two active segments the lower finds the pair; an inactive one finds none.
+                        self.for_overlapping(i, level, None, &mut |j| {
+                            if j > i || (j < i && !active(j)) {
+                                add(j);
+                            }
+                        });
+                    }
+                }
+            },
+            keep,
+        );
+    }
+
+    /// Runs a search from every segment and puts what it adds, and `keep` answers, in order.
+    fn gather<T: Copy + Send + Sync>(
+        &self,
+        list: &mut PairList<T>,
+        search: impl Fn(usize, &mut dyn FnMut(usize)) + Sync,
         keep: impl Fn(usize, usize) -> Option<T> + Sync,
     ) {
         let n_chunks = self.boxes.len().div_ceil(CHUNK);
@@ -267,58 +358,23 @@ impl SegmentGrid {
         list.chunks[..n_chunks].par_iter_mut().enumerate().for_each(|(chunk, out)| {
             out.clear();
             for i in chunk * CHUNK..((chunk + 1) * CHUNK).min(self.boxes.len()) {
-                self.neighbours_of(i, &active, &keep, out);
+                if self.level[i] != NOWHERE {
+                    search(i, &mut |j| {
+                        let (low, high) = (i.min(j), i.max(j));
+                        if let Some(data) = keep(low, high) {
+                            out.push(Pair { i: low as u32, j: high as u32, data });
+                        }
+                    });
+                }
             }
         });
-        list.pairs.clear();
-        for chunk in &list.chunks[..n_chunks] {
-            list.pairs.extend_from_slice(chunk);
-        }
-        if !list.pairs.is_sorted_by_key(|p| (p.i, p.j)) {
-            list.pairs.par_sort_unstable_by_key(|p| (p.i, p.j));
-        }
+        list.put_in_order(n_chunks, self.boxes.len());
     }
 
-    /// Pairs that segment `i` is to find: with later ones of its own size class, and with all of the larger classes.
+    /// Segments of a size class, not below the segment's own, whose boxes overlap the segment's. With a row given, only
+    /// those filed in later rows, and in this row those of higher index.
     #[inline]
-    fn neighbours_of<T: Copy>(
-        &self,
-        i: usize,
-        active: &impl Fn(usize) -> bool,
-        keep: &impl Fn(usize, usize) -> Option<T>,
-        out: &mut Vec<Pair<T>>,
-    ) {
-        let own_level = self.level[i];
-        if own_level == NOWHERE {
-            return;
-        }
-        let i_active = active(i);
-        let first = out.len();
-        for &level in self.levels.iter().filter(|&&l| l >= own_level) {
-            if level == own_level && !i_active {
-                continue;
-            }
-            self.for_overlapping(i, level, &mut |j| {
-                let wanted = if level != own_level {
-                    i_active || active(j)
-                } else {
-                    // Of two active segments the lower finds the pair; an inactive one finds none.
-                    j > i || (j < i && !active(j))
-                };
-                if wanted {
-                    let (low, high) = (i.min(j), i.max(j));
-                    if let Some(data) = keep(low, high) {
-                        out.push(Pair { i: low as u32, j: high as u32, data });
-                    }
-                }
-            });
-        }
-        out[first..].sort_unstable_by_key(|p| (p.i, p.j));
-    }
-
-    /// Segments of a size class, not below the segment's own, whose boxes overlap the segment's.
-    #[inline]
-    fn for_overlapping(&self, i: usize, level: u8, found: &mut impl FnMut(usize)) {
+    fn for_overlapping(&self, i: usize, level: u8, after: Option<[i64; 2]>, found: &mut dyn FnMut(usize)) {
         let b = &self.boxes[i];
         let size = class_size(self.base_size, level);
         let n_buckets = self.bucket_start.len() - 1;
@@ -326,17 +382,24 @@ impl SegmentGrid {
         // rounded the way the filed corner is, so the range cannot miss its cell.
         let low = cell_of_f64(b.min.map(|c| f64::from(c) - size), size);
         let high = cell_of(b.max, size);
-        for z in low[2]..=high[2] {
-            for y in low[1]..=high[1] {
+        let first_z = after.map_or(low[2], |[_, z]| z);
+        for z in first_z..=high[2] {
+            let first_y = after.map_or(low[1], |[own_y, own_z]| if z == own_z { own_y } else { low[1] });
+            for y in first_y..=high[1] {
+                let own_row = after == Some([y, z]);
+                let mut found = |j: usize| {
+                    if !own_row || j > i {
+                        found(j);
+                    }
+                };
                 let row = row_tag(level, y, z);
                 let first = bucket_of(row, low[0], n_buckets) as usize;
-                let n_cells = (high[0] - low[0]) as usize;
-                let last = first + n_cells;
+                let last = first + (high[0] - low[0]) as usize;
                 if last < n_buckets {
-                    self.scan(b, row, self.bucket_start[first], self.bucket_start[last + 1], found);
+                    self.scan(b, row, self.bucket_start[first], self.bucket_start[last + 1], &mut found);
                 } else {
-                    self.scan(b, row, self.bucket_start[first], self.bucket_start[n_buckets], found);
-                    self.scan(b, row, 0, self.bucket_start[last - n_buckets + 1], found);
+                    self.scan(b, row, self.bucket_start[first], self.bucket_start[n_buckets], &mut found);
+                    self.scan(b, row, 0, self.bucket_start[last - n_buckets + 1], &mut found);
                 }
             }
         }
@@ -346,17 +409,20 @@ impl SegmentGrid {
     fn scan(&self, b: &SegmentBox, row: u64, begin: u32, end: u32, found: &mut impl FnMut(usize)) {
         let (mut k, end) = (begin as usize, end as usize);
         while k < end {
-            let mut hit = [true; WIDTH];
+            // Whole lanes of integers, so that the comparison becomes vector instructions.
+            let mut hit = [1_i32; WIDTH];
             for c in 0..3 {
                 let (min, max) = (&self.entry_min[c][k..k + WIDTH], &self.entry_max[c][k..k + WIDTH]);
                 for l in 0..WIDTH {
-                    hit[l] &= (min[l] <= b.max[c]) & (b.min[c] <= max[l]);
+                    hit[l] &= i32::from(min[l] <= b.max[c]) & i32::from(b.min[c] <= max[l]);
                 }
             }
-            for l in 0..WIDTH.min(end - k) {
-                // Other rows may share the bucket; they are met again under their own name.
-                if hit[l] && self.entry_row[k + l] == row {
-                    found(self.entry[k + l] as usize);
+            if hit.iter().fold(0, |any, h| any | h) != 0 {
+                for l in 0..WIDTH.min(end - k) {
+                    // Other rows may share the bucket; they are met again under their own name.
+                    if hit[l] != 0 && self.entry_row[k + l] == row {
+                        found(self.entry[k + l] as usize);
+                    }
                 }
             }
             k += WIDTH;
@@ -368,8 +434,7 @@ fn level_of(b: &SegmentBox, base_size: f64) -> u8 {
     if b.is_empty() {
         return NOWHERE;
     }
-    // One part in 10^9 larger than computed: the difference of two `f32` need not be exact in `f64`.
-    let size = b.size() * (1.0 + 1e-9);
+    let size = b.size() * (1.0 + 0.5 * SIZE_ROUND_OFF);
     let mut level = 0;
     while level < MAX_LEVEL && size > class_size(base_size, level) {
         level += 1;
@@ -389,10 +454,9 @@ fn cell_of(corner: [f32; 3], class_size: f64) -> [i64; 3] {
     cell_of_f64(corner.map(f64::from), class_size)
 }
 
-/// Cells are half a class wide: narrower ones would mean more runs, wider ones longer runs.
 #[inline(always)]
 fn cell_of_f64(corner: [f64; 3], class_size: f64) -> [i64; 3] {
-    let per_cm = 2.0 / class_size;
+    let per_cm = CELLS_PER_SIZE / class_size;
     // Far beyond any scene cells merge, which costs time but no pair.
     corner.map(|c| (c * per_cm).floor().clamp(-1e15, 1e15) as i64)
 }
