@@ -351,21 +351,20 @@ impl SegmentGrid {
         search: impl Fn(usize, &mut dyn FnMut(usize)) + Sync,
         keep: impl Fn(usize, usize) -> Option<T> + Sync,
     ) {
-        let n_chunks = self.boxes.len().div_ceil(CHUNK);
+        let n_chunks = self.entry.len().div_ceil(CHUNK);
         if list.chunks.len() < n_chunks {
             list.chunks.resize_with(n_chunks, Vec::new);
         }
-        list.chunks[..n_chunks].par_iter_mut().enumerate().for_each(|(chunk, out)| {
+        // In the order of the grid, neighbours look at the same runs while these are in the cache.
+        list.chunks[..n_chunks].par_iter_mut().zip(self.entry.par_chunks(CHUNK)).for_each(|(out, entries)| {
             out.clear();
-            for i in chunk * CHUNK..((chunk + 1) * CHUNK).min(self.boxes.len()) {
-                if self.level[i] != NOWHERE {
-                    search(i, &mut |j| {
-                        let (low, high) = (i.min(j), i.max(j));
-                        if let Some(data) = keep(low, high) {
-                            out.push(Pair { i: low as u32, j: high as u32, data });
-                        }
-                    });
-                }
+            for i in entries.iter().map(|&i| i as usize) {
+                search(i, &mut |j| {
+                    let (low, high) = (i.min(j), i.max(j));
+                    if let Some(data) = keep(low, high) {
+                        out.push(Pair { i: low as u32, j: high as u32, data });
+                    }
+                });
             }
         });
         list.put_in_order(n_chunks, self.boxes.len());
