@@ -197,7 +197,7 @@ impl SegmentGrid {
         let one_class = all.2 * (1.0 + SIZE_ROUND_OFF);
         self.base_size = if one_class <= CLASS_OF_MEAN * mean { one_class } else { mean };
         // Boxes of no size, or none at all.
-        if !(self.base_size > f64::MIN_POSITIVE) {
+        if self.base_size <= f64::MIN_POSITIVE {
             self.base_size = 1.0;
         }
         self.assign_buckets();

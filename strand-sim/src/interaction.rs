@@ -1,7 +1,7 @@
 //! Hair meets hair: what is near what, and the three things done about it (MS08 §5.2, §5.3).
 //!
 //! [`stiction`] joins near segments by springs, [`repulsion`] keeps the others apart (steps 3 and 9 of MS08 §4), and
-//! [`collide`] stops what would still pass through within a step (step 6). All work on flat arrays of the hair's own
+//! [`mod@collide`] stops what would still pass through within a step (step 6). All work on flat arrays of the hair's own
 //! particles, strand-major, root first; perturbed particles take no part. Invariant: impulses between free particles keep
 //! their total momentum, kinematic particles never move, and results do not depend on the thread count.
 

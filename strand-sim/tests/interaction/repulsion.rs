@@ -29,7 +29,7 @@ fn linear_momentum_is_kept_to_round_off() {
     let (after, report) = repelled(&scene, &thick(0.4), &LinkSet::default());
     assert!(report.pushed > 500, "{report:?}");
     assert!((after.momentum() - scene.momentum()).norm() < ROUND_OFF * scene.momentum_scale());
-    assert!((&after.velocity[..]) != (&scene.velocity[..]));
+    assert_ne!(after.velocity, scene.velocity);
 }
 
 #[test]
