@@ -1,7 +1,7 @@
 //! Which boxes of many small segments overlap: a hashed uniform grid, rebuilt every step.
 //!
 //! Hair segments are of similar length, so each box is filed once, under the cell of its lowest corner, in a grid whose
-//! cells are a third of its size class; boxes of another size (a strand stretched over a fast step) have a grid of twice the
+//! cells are as wide as its size class; boxes of another size (a strand stretched over a fast step) have a grid of twice the
 //! cell, and so on. Cells along x share one run of buckets, so a query reads a few runs of neighbours. Invariant: the
 //! pairs found are exactly the overlapping ones, each once, sorted, for any number of threads; nothing is allocated once
 //! warm. MS08 §5.2 and §5.3 use a hierarchy of boxes for the same purpose.
@@ -18,8 +18,9 @@ const WIDTH: usize = 8;
 /// Largest box that is still of one class with the mean one, as a multiple of it: hair of one length, in any direction.
 const CLASS_OF_MEAN: f64 = 1.8;
 
-/// Cells per class size: narrower ones would mean more runs of neighbours, wider ones longer runs.
-const CELLS_PER_SIZE: f64 = 3.0;
+/// Cells per class size. Measured on 10 000 hanging strands of 50 particles: two and three look at fewer boxes in more
+/// runs of memory, and take a fifth and three fifths longer.
+const CELLS_PER_SIZE: f64 = 1.0;
 
 /// Margin on a size: the difference of two `f32` need not be exact in `f64`.
 const SIZE_ROUND_OFF: f64 = 1e-9;
