@@ -9,6 +9,7 @@
 //! - [`clearance`]: the interpolation check between two guides (AS16 §4.2)
 //! - [`penalty`], [`friction`]: contact forces (AS16 §5.1, §7.1)
 //! - [`cull`]: when a strand needs no query at all
+//! - [`spatial_hash`], [`segment_pair`]: which hair segments are near each other, and which cross (MS08 §5.2, §5.3)
 //!
 //! Centimetre, gram, second; positive distances are outside. Queries neither fail nor allocate; what has no inside is
 //! refused when it is baked. Self-intersecting meshes are not detected.
@@ -33,8 +34,10 @@ mod error;
 pub mod friction;
 pub mod penalty;
 pub mod sdf;
+pub mod segment_pair;
 pub mod shapes;
 mod solid;
+pub mod spatial_hash;
 mod thickness;
 
 pub use clearance::{ribbon_is_free, segment_is_free, strand_ribbon_is_free};

@@ -316,6 +316,7 @@ pub fn altitude_lanes(x: [&Lane3; 4], rest: &AltitudeRestLanes) -> AltitudeLanes
         consider!(s23, 4);
         consider!(add(s1, s3), 5);
         consider!(add(s1, s2), 6);
+        let _ = largest;
         let area_squared = dot(best, best);
         let longest_squared = dot(a, a).max(dot(b, b)).max(dot(c, c));
         solid[l] = is_solid(area_squared, longest_squared, rest.floor[l]);

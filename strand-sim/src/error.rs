@@ -128,4 +128,14 @@ pub enum Error {
         /// Spacing, cm.
         h_cm: f64,
     },
+    /// A constant of hair-hair interaction outside its range.
+    #[error("interaction constant {name} is {value}; it must be {expected}")]
+    BadInteraction {
+        /// Field name.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// What is accepted.
+        expected: &'static str,
+    },
 }

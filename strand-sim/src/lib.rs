@@ -24,6 +24,7 @@ mod drive;
 mod error;
 mod forces;
 mod implicit;
+pub mod interaction;
 pub mod lanes;
 mod material;
 pub mod network;

@@ -1,3 +1,5 @@
 //! Linear solves of a batch of strands.
 
 pub mod banded;
+pub mod coupled;
+pub mod jacobi_cg;
