@@ -41,6 +41,7 @@ pub use body_contact::{Contact, ContactParams, NearPoint, near_points};
 pub use drive::{Drive, RootMotion};
 pub use error::Error;
 pub use material::{ALTITUDE_PER_TWIST, Material};
+pub use step::interacting::{InteractionParams, InteractionReport, InteractionWorkspace};
 pub use step::{Scheme, StepInput, StepParams, StepReport, StepWorkspace};
 pub use step_size::Substeps;
 pub use system::{MIN_LENGTH_CM, StrandState, StrandSystem};

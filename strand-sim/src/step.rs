@@ -4,11 +4,14 @@
 //! into substeps. Strands that do not interact never wait for each other: each batch takes all its substeps while it is in
 //! cache. Batches run in parallel and the result is the same for any number of threads.
 
+pub mod interacting;
+
 use crate::body_contact::{Contact, ContactParams};
 use crate::drive::{Drive, RootMotion};
 use crate::forces::Implicit;
 use crate::implicit::{self, Driven, Problem};
 use crate::lanes::{LANES, Lane, Lane3, ZERO};
+use crate::rig::Topology;
 use crate::solve::banded::BandedMatrix;
 use crate::step_size::{Substeps, count_substeps};
 use crate::strain_limit::limit_strain;
@@ -30,6 +33,11 @@ pub enum Scheme {
 }
 
 impl Scheme {
+    /// Whether the velocity is solved for again once positions are known.
+    fn is_two_solves(self) -> bool {
+        matches!(self, Self::Trapezoidal | Self::TwoSolves)
+    }
+
     /// Length of each solve in a substep of `h` seconds.
     fn solve_length(self, h: f64) -> f64 {
         if self == Self::Trapezoidal { 0.5 * h } else { h }
@@ -169,13 +177,7 @@ impl StrandSystem {
         params: &StepParams,
         workspace: &mut StepWorkspace,
     ) -> StepReport {
-        assert_eq!(state.batches.len(), self.batches.len(), "state of another system");
-        assert!(
-            input.forces.is_empty() || input.forces.len() == self.n_strands * self.n_main,
-            "one force per particle"
-        );
-        input.roots.check(self.n_strands);
-        assert!(input.drives.is_sorted_by_key(|d| d.strand), "drives ordered by strand");
+        self.check_input(state, input);
         if self.batches.is_empty() {
             return StepReport::default();
         }
@@ -197,7 +199,12 @@ impl StrandSystem {
                         let n = n_substeps as f64;
                         let span = Span { begin: k as f64 / n, end: (k + 1) as f64 / n, h: input.dt / n };
                         self.predict(batch, state, input, params, span, work);
+                        self.rub(batch, params.scheme.solve_length(span.h), work);
                         self.advance(batch, state, params, span, work);
+                        if params.scheme.is_two_solves() {
+                            self.evolve(batch, state, input, params, span, work);
+                            self.rub(batch, params.scheme.solve_length(span.h), work);
+                        }
                         self.finish(batch, state, input, params, span, work);
                     }
                     self.quarantine(batch, state, input, work);
@@ -212,6 +219,16 @@ impl StrandSystem {
         })
     }
 
+    fn check_input(&self, state: &StrandState, input: &StepInput) {
+        assert_eq!(state.batches.len(), self.batches.len(), "state of another system");
+        assert!(
+            input.forces.is_empty() || input.forces.len() == self.n_strands * self.n_main,
+            "one force per particle"
+        );
+        input.roots.check(self.n_strands);
+        assert!(input.drives.is_sorted_by_key(|d| d.strand), "drives ordered by strand");
+    }
+
     /// MS08 §4 step 1: the velocities that move the positions, into `work.next_velocity`.
     fn predict(
         &self,
@@ -223,7 +240,7 @@ impl StrandSystem {
         work: &mut Work,
     ) {
         let topology = &self.topologies[batch.topology];
-        let (n_kin, n_rig) = (topology.n_kinematic, topology.n_rig);
+        let n_rig = topology.n_rig;
         self.drive_particles(batch, state, input, span, work);
         work.contacts.clear();
         self.find_contacts(batch, state, input, &params.contact, span, work);
@@ -237,6 +254,11 @@ impl StrandSystem {
                 work.move_on(n_rig, h);
             }
         }
+    }
+
+    /// Friction with solids on the velocities a solve of `h` seconds has found.
+    fn rub(&self, batch: &Batch, h: f64, work: &mut Work) {
+        let n_kin = self.topologies[batch.topology].n_kinematic;
         for contact in &work.contacts {
             contact.apply_friction(n_kin, h, &batch.mass, &mut work.next_velocity);
         }
@@ -255,7 +277,36 @@ impl StrandSystem {
         }
     }
 
-    /// MS08 §4 steps 7 and 8: the velocity at the end of the substep; then the new state takes the old one's place.
+    /// MS08 §4 step 7: the velocity at the end of a solve with positions known, into `work.next_velocity`.
+    fn evolve(
+        &self,
+        batch: &Batch,
+        state: &BatchState,
+        input: &StepInput,
+        params: &StepParams,
+        span: Span,
+        work: &mut Work,
+    ) {
+        let h = params.scheme.solve_length(span.h);
+        let middle = h / span.h;
+        for p in 0..self.topologies[batch.topology].n_rig {
+            for c in 0..3 {
+                for l in 0..LANES {
+                    let (old, new) = (state.position[p][c][l], work.next[p][c][l]);
+                    work.start[p][c][l] = old + middle * (new - old);
+                }
+            }
+        }
+        for contact in &mut work.contacts {
+            // Only the normal velocity is constrained here: nothing is left to push out.
+            contact.gap = -h * contact.normal.dot(&contact.solid_velocity);
+        }
+        // Positions are known, so elastic forces are too: taking them implicitly would count them twice.
+        let known = Implicit { elastic: 0.0, geometric: 0.0 };
+        self.solve(batch, state, input, params, known, h, false, work);
+    }
+
+    /// MS08 §4 step 8, and the new state takes the old one's place.
     fn finish(
         &self,
         batch: &Batch,
@@ -267,34 +318,11 @@ impl StrandSystem {
     ) {
         let topology = &self.topologies[batch.topology];
         let (n_kin, n_rig) = (topology.n_kinematic, topology.n_rig);
-        if matches!(params.scheme, Scheme::Trapezoidal | Scheme::TwoSolves) {
-            let half = params.scheme == Scheme::Trapezoidal;
-            let h = params.scheme.solve_length(span.h);
-            let middle = h / span.h;
-            for p in 0..n_rig {
+        if params.scheme == Scheme::Trapezoidal {
+            for p in n_kin..n_rig {
                 for c in 0..3 {
                     for l in 0..LANES {
-                        let (old, new) = (state.position[p][c][l], work.next[p][c][l]);
-                        work.start[p][c][l] = old + middle * (new - old);
-                    }
-                }
-            }
-            for contact in &mut work.contacts {
-                // Only the normal velocity is constrained here: nothing is left to push out.
-                contact.gap = -h * contact.normal.dot(&contact.solid_velocity);
-            }
-            // Positions are known, so elastic forces are too: taking them implicitly would count them twice.
-            let known = Implicit { elastic: 0.0, geometric: 0.0 };
-            self.solve(batch, state, input, params, known, h, false, work);
-            for contact in &work.contacts {
-                contact.apply_friction(n_kin, h, &batch.mass, &mut work.next_velocity);
-            }
-            if half {
-                for p in n_kin..n_rig {
-                    for c in 0..3 {
-                        for l in 0..LANES {
-                            work.next_velocity[p][c][l] = 2.0 * work.next_velocity[p][c][l] - state.velocity[p][c][l];
-                        }
+                        work.next_velocity[p][c][l] = 2.0 * work.next_velocity[p][c][l] - state.velocity[p][c][l];
                     }
                 }
             }
@@ -357,11 +385,7 @@ impl StrandSystem {
                 work.next_velocity[p][c] = rhs[3 * (p - n_kin) + c];
             }
         }
-        for d in &work.driven {
-            for c in 0..3 {
-                work.next_velocity[d.particle][c][d.lane] = d.velocity[c];
-            }
-        }
+        work.hold_driven();
     }
 
     /// Velocities of the roots and of driven particles over the substep.
@@ -427,19 +451,38 @@ impl StrandSystem {
 }
 
 impl Work {
+    /// Room for any batch of a system.
     fn new(system: &StrandSystem) -> Self {
         let n_rig = system.topologies.iter().map(|t| t.n_rig).max().unwrap_or(0);
         let reach = system.topologies.iter().map(|t| t.reach).max().unwrap_or(0);
+        Self::of_size(n_rig, reach, system.n_main)
+    }
+
+    /// Room for the batches of one topology.
+    fn of_topology(topology: &Topology) -> Self {
+        Self::of_size(topology.n_rig, topology.reach, topology.n_main)
+    }
+
+    fn of_size(n_rig: usize, reach: usize, n_main: usize) -> Self {
         Self {
             matrix: BandedMatrix::new(n_rig, reach),
             velocity: vec![ZERO; 3 * n_rig],
             start: vec![[ZERO; 3]; n_rig],
             next: vec![[ZERO; 3]; n_rig],
             next_velocity: vec![[ZERO; 3]; n_rig],
-            air: Vec::with_capacity(n_rig),
-            contacts: Vec::with_capacity(LANES * system.n_main),
+            air: Vec::new(),
+            contacts: Vec::with_capacity(n_main),
             driven: Vec::new(),
             report: StepReport::default(),
+        }
+    }
+
+    /// Driven particles have exactly the velocity they are given.
+    fn hold_driven(&mut self) {
+        for d in &self.driven {
+            for c in 0..3 {
+                self.next_velocity[d.particle][c][d.lane] = d.velocity[c];
+            }
         }
     }
 

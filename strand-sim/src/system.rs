@@ -49,6 +49,8 @@ pub struct StrandSystem {
     pub(crate) material: Material,
     pub(crate) topologies: Vec<Topology>,
     pub(crate) batches: Vec<Batch>,
+    /// Batch and lane of each strand.
+    pub(crate) place: Vec<(u32, u8)>,
 }
 
 /// Positions and velocities of all rig particles, in the world frame.
@@ -103,7 +105,13 @@ impl StrandSystem {
                 batches.push(Batch::new(topology, &topologies[topology], group, points_in_head, &material));
             }
         }
-        Ok(Self { n_strands, n_main, material, topologies, batches })
+        let mut place = vec![(0, 0); n_strands];
+        for (b, batch) in batches.iter().enumerate() {
+            for (lane, &strand) in batch.strands.iter().enumerate() {
+                place[strand as usize] = (b as u32, lane as u8);
+            }
+        }
+        Ok(Self { n_strands, n_main, material, topologies, batches, place })
     }
 
     /// Strands.
