@@ -337,17 +337,9 @@ fn find(
             let solid_velocity = moving.pose.velocity_at(of(position), input.dt) - carried;
             let (friction, mass) = (f64::from(moving.solid.friction), batch.mass[ends[1]][lane]);
             let velocity = of(&batch.velocity);
-            contacts.extend(Contact::closing(
-                &near,
-                lane,
-                ends,
-                velocity,
-                solid_velocity,
-                friction,
-                mass,
-                h,
-                input.contact,
-            ));
+            if near.is_closing(velocity, h) {
+                contacts.push(Contact::at(&near, lane, ends, solid_velocity, friction, mass, h, input.contact));
+            }
         });
         if record_clearance {
             batch.clearance[lane] = batch.clearance[lane].min(clear);

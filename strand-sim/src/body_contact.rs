@@ -154,14 +154,11 @@ impl StrandSystem {
                     let velocity = at(&state.velocity);
                     let mass = batch.mass[ends[1]][lane];
                     let friction = f64::from(moving.solid.friction);
-                    if let Some(mut found) =
-                        Contact::closing(&near, lane, ends, velocity, solid_velocity, friction, mass, span.h, params)
-                    {
-                        if ends[0] < n_kin {
-                            found.known = work.known_velocity(ends[0], lane) * found.weight[0];
-                        }
-                        work.add_contact(found);
+                    let mut found = Contact::at(&near, lane, ends, solid_velocity, friction, mass, span.h, params);
+                    if ends[0] < n_kin {
+                        found.known = work.known_velocity(ends[0], lane) * found.weight[0];
                     }
+                    work.add_contact(found, near.is_closing(velocity, span.h));
                 });
                 // The bound is as of before this substep's movement, which is subtracted with the rest.
                 state.clearance[k][lane] = clear + by_solid;
@@ -172,6 +169,12 @@ impl StrandSystem {
 }
 
 impl NearPoint {
+    /// Whether a strand moving at `velocity` (cm/s) is at the surface within `h` seconds.
+    #[must_use]
+    pub fn is_closing(&self, velocity: Vector3<f64>, h: f64) -> bool {
+        self.gap + h * self.normal.dot(&velocity) < 0.0
+    }
+
     /// A quantity at the point, from its values at the segment's two ends.
     #[must_use]
     pub fn between(&self, a: Vector3<f64>, b: Vector3<f64>) -> Vector3<f64> {
@@ -180,26 +183,21 @@ impl NearPoint {
 }
 
 impl Contact {
-    /// The contact at a point near a solid over a substep of `h` seconds, or `None` for a strand on its way out, which is
-    /// let go so that the penalty never pulls. Velocities are of the strand's and the solid's point, cm/s; `mass` is that
-    /// of a particle, g.
+    /// The contact at a point near a solid over a substep of `h` seconds. Only for a strand that is closing in, or the
+    /// penalty would pull. `mass` is that of a particle, g.
     #[must_use]
-    pub fn closing(
+    pub fn at(
         near: &NearPoint,
         lane: usize,
         ends: [usize; 2],
-        velocity: Vector3<f64>,
         solid_velocity: Vector3<f64>,
         friction: f64,
         mass: f64,
         h: f64,
         params: &ContactParams,
-    ) -> Option<Self> {
-        if near.gap + h * near.normal.dot(&velocity) >= 0.0 {
-            return None;
-        }
+    ) -> Self {
         let fastest = params.max_push_speed + solid_velocity.norm();
-        Some(Self {
+        Self {
             lane,
             ends,
             weight: [1.0 - near.s, near.s],
@@ -209,7 +207,46 @@ impl Contact {
             solid_velocity,
             friction,
             known: Vector3::zeros(),
-        })
+        }
+    }
+
+    /// Moves a strand that a substep of `h` seconds left inside the solid, after all, to the surface, and takes the
+    /// velocity into the solid from it, with the friction that goes with that (MS08 §4 step 5). `position` has moved from
+    /// `old`; the first `n_fixed` particles are prescribed. The solve cannot see what forces drive into a solid that velocity alone does not, nor what strain
+    /// limiting moves after it.
+    pub fn push_out(
+        &self,
+        n_fixed: usize,
+        h: f64,
+        mass: &[Lane],
+        old: &[Lane3],
+        position: &mut [Lane3],
+        velocity: &mut [Lane3],
+    ) {
+        let lane = self.lane;
+        let at = |of: &[Lane3]| {
+            get(&of[self.ends[0]], lane) * self.weight[0] + get(&of[self.ends[1]], lane) * self.weight[1]
+        };
+        let gap = self.gap + self.normal.dot(&(at(position) - at(old)));
+        let ends = || self.ends.into_iter().zip(self.weight).filter(|&(p, _)| p >= n_fixed);
+        let inv_mass: f64 = ends().map(|(p, w)| w * w / mass[p][lane]).sum();
+        if gap >= 0.0 || inv_mass <= 0.0 {
+            return;
+        }
+        let relative = at(velocity) - self.solid_velocity;
+        let along = self.normal.dot(&relative);
+        let sliding = relative - self.normal * along;
+        let inward = along.min(0.0);
+        // What a solve that saw the contact would have changed the normal velocity by bounds what friction may.
+        let held = self.friction * (-gap / h - inward);
+        let slowed = sliding * (-(held / sliding.norm().max(f64::MIN_POSITIVE)).min(1.0));
+        for (p, w) in ends() {
+            let share = w / mass[p][lane] / inv_mass;
+            let x = get(&position[p], lane) + (slowed * h - self.normal * gap) * share;
+            set(&mut position[p], lane, x);
+            let v = get(&velocity[p], lane) + (slowed - self.normal * inward) * share;
+            set(&mut velocity[p], lane, v);
+        }
     }
 
     /// Adds the penalty k (gap + h n·v) n, implicit in the new velocities, to one lane of the system whose first

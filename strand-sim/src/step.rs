@@ -69,7 +69,7 @@ impl StepParams {
     pub fn standard() -> Self {
         Self {
             scheme: Scheme::BackwardEuler,
-            substeps: Substeps::Fixed(4),
+            substeps: Substeps::Fixed(2),
             iterations: 1,
             geometric_stiffness: false,
             gravity: Vector3::new(0.0, -981.0, 0.0),
@@ -148,7 +148,10 @@ pub(crate) struct Work {
     next: Vec<Lane3>,
     next_velocity: Vec<Lane3>,
     air: Vec<Lane3>,
+    /// Contacts with solids that strands close in on: part of the solve.
     contacts: Vec<Contact>,
+    /// The others, watched in case the step ends in the solid all the same.
+    watched: Vec<Contact>,
     driven: Vec<Driven>,
     report: StepReport,
 }
@@ -243,6 +246,7 @@ impl StrandSystem {
         let n_rig = topology.n_rig;
         self.drive_particles(batch, state, input, span, work);
         work.contacts.clear();
+        work.watched.clear();
         self.find_contacts(batch, state, input, &params.contact, span, work);
         work.report.contacts += work.contacts.len() as u64;
         work.start[..n_rig].copy_from_slice(&state.position);
@@ -264,12 +268,16 @@ impl StrandSystem {
         }
     }
 
-    /// MS08 §4 steps 2 and 4: new positions, into `work.next`, their stretch limited.
+    /// MS08 §4 steps 2, 4 and 5: new positions, into `work.next`, their stretch limited and outside the solids.
     fn advance(&self, batch: &Batch, state: &BatchState, params: &StepParams, span: Span, work: &mut Work) {
         let topology = &self.topologies[batch.topology];
         // Of the trapezoidal rule, the velocity halfway moves the whole step.
         work.move_on(topology.n_rig, span.h);
         limit_strain(topology, batch, &mut work.next, params.strain_limit);
+        for contact in work.contacts.iter().chain(&work.watched) {
+            let n_kin = topology.n_kinematic;
+            contact.push_out(n_kin, span.h, &batch.mass, &state.position, &mut work.next, &mut work.next_velocity);
+        }
         for d in &work.driven {
             for c in 0..3 {
                 work.next[d.particle][c][d.lane] = state.position[d.particle][c][d.lane] + span.h * d.velocity[c];
@@ -472,6 +480,7 @@ impl Work {
             next_velocity: vec![[ZERO; 3]; n_rig],
             air: Vec::new(),
             contacts: Vec::with_capacity(n_main),
+            watched: Vec::with_capacity(n_main),
             driven: Vec::new(),
             report: StepReport::default(),
         }
@@ -497,8 +506,9 @@ impl Work {
         }
     }
 
-    pub(crate) fn add_contact(&mut self, contact: Contact) {
-        self.contacts.push(contact);
+    /// Keeps a contact of a strand that closes in on a solid, or of one that only lies near it.
+    pub(crate) fn add_contact(&mut self, contact: Contact, is_closing: bool) {
+        if is_closing { self.contacts.push(contact) } else { self.watched.push(contact) }
     }
 
     /// Orders contacts as the solve takes them.
