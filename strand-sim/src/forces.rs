@@ -17,6 +17,8 @@ pub(crate) struct Implicit {
     pub elastic: f64,
     /// 1 to add the positive geometric stiffness, 0 for MS08 to the letter.
     pub geometric: f64,
+    /// Tension that turning is taken to meet at least, dyn: zero keeps the matrix definite.
+    pub least_tension: f64,
 }
 
 /// A spring's linearisation in every lane.
@@ -51,7 +53,7 @@ pub(crate) fn linearise(
         let d = [ex * inv, ey * inv, ez * inv];
         let tension = stiffness[l] * length.mul_add(inv_rest_length[l], -1.0);
         let elastic = implicit.elastic * h;
-        let geometric = implicit.geometric * elastic * tension.max(0.0) * inv;
+        let geometric = implicit.geometric * elastic * tension.max(implicit.least_tension) * inv;
         for c in 0..3 {
             out.direction[c][l] = d[c];
             out.force[c][l] = tension * d[c];

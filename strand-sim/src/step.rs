@@ -139,9 +139,9 @@ pub struct StepWorkspace {
 /// Buffers of one worker.
 #[derive(Debug)]
 pub(crate) struct Work {
-    matrix: BandedMatrix,
+    pub(crate) matrix: BandedMatrix,
     /// Unknowns of the solve, three lanes a free particle.
-    velocity: Vec<Lane>,
+    pub(crate) velocity: Vec<Lane>,
     /// Positions that elastic forces are taken at, per rig particle.
     start: Vec<Lane3>,
     /// Where the solve leads, per rig particle.
@@ -149,9 +149,9 @@ pub(crate) struct Work {
     next_velocity: Vec<Lane3>,
     air: Vec<Lane3>,
     /// Contacts with solids that strands close in on: part of the solve.
-    contacts: Vec<Contact>,
+    pub(crate) contacts: Vec<Contact>,
     /// The others, watched in case the step ends in the solid all the same.
-    watched: Vec<Contact>,
+    pub(crate) watched: Vec<Contact>,
     driven: Vec<Driven>,
     report: StepReport,
 }
@@ -251,7 +251,8 @@ impl StrandSystem {
         work.report.contacts += work.contacts.len() as u64;
         work.start[..n_rig].copy_from_slice(&state.position);
         let h = params.scheme.solve_length(span.h);
-        let elastic = Implicit { elastic: 1.0, geometric: f64::from(u8::from(params.geometric_stiffness)) };
+        let geometric = f64::from(u8::from(params.geometric_stiffness));
+        let elastic = Implicit { elastic: 1.0, geometric, least_tension: 0.0 };
         for iteration in 0..params.iterations.max(1) {
             self.solve(batch, state, input, params, elastic, h, iteration > 0, work);
             if iteration + 1 < params.iterations {
@@ -310,7 +311,7 @@ impl StrandSystem {
             contact.gap = -h * contact.normal.dot(&contact.solid_velocity);
         }
         // Positions are known, so elastic forces are too: taking them implicitly would count them twice.
-        let known = Implicit { elastic: 0.0, geometric: 0.0 };
+        let known = Implicit { elastic: 0.0, geometric: 0.0, least_tension: 0.0 };
         self.solve(batch, state, input, params, known, h, false, work);
     }
 
@@ -460,7 +461,7 @@ impl StrandSystem {
 
 impl Work {
     /// Room for any batch of a system.
-    fn new(system: &StrandSystem) -> Self {
+    pub(crate) fn new(system: &StrandSystem) -> Self {
         let n_rig = system.topologies.iter().map(|t| t.n_rig).max().unwrap_or(0);
         let reach = system.topologies.iter().map(|t| t.reach).max().unwrap_or(0);
         Self::of_size(n_rig, reach, system.n_main)

@@ -11,7 +11,7 @@ use nalgebra::Vector3;
 const TURN: f64 = std::f64::consts::FRAC_PI_2;
 
 /// Sine of the turn at a particle below which three particles count as collinear.
-const COLLINEAR_SINE: f64 = 0.25;
+const COLLINEAR_SINE: f64 = 0.5;
 
 /// Parts of equal length that a strand is divided into: each is perturbed wholly or not at all. Departure from MS08 §3.2,
 /// which perturbs single segments: runs end on these marks, so that strands of few topologies fill vector lanes.

@@ -66,8 +66,8 @@ impl BandedMatrix {
     }
 
     /// Replaces the matrix by its lower Cholesky factor, diagonal entries stored inverted. A pivot that is not positive
-    /// (only possible where the matrix was not finite or not definite) is replaced by one: the lane's result is then
-    /// wrong but finite, and the caller's check of the state isolates it.
+    /// (only possible where the matrix was not finite or not definite) is replaced by minus one: the lane's result is
+    /// then wrong but finite, and the caller's check of the state isolates it.
     #[inline(always)]
     pub fn factor(&mut self) {
         for row in 0..self.n_blocks {
@@ -98,6 +98,13 @@ impl BandedMatrix {
         }
         factor_block(&mut acc);
         here[self.reach] = acc;
+    }
+
+    /// Whether a lane's matrix, factored, was positive definite.
+    #[must_use]
+    pub fn is_definite(&self, lane: usize) -> bool {
+        let diagonal = self.band.chunks_exact(self.reach + 1).take(self.n_blocks).map(|row| &row[self.reach]);
+        diagonal.flat_map(|d| [d[0][lane], d[4][lane], d[8][lane]]).all(|inverse_root| inverse_root > 0.0)
     }
 
     /// Solves with the factor, in place; `rhs` holds three lanes a block row.
@@ -216,7 +223,7 @@ fn factor_block(d: &mut Block) {
 
 #[inline(always)]
 fn inverse_root(pivot: f64) -> f64 {
-    if pivot > 0.0 { 1.0 / pivot.sqrt() } else { 1.0 }
+    if pivot > 0.0 { 1.0 / pivot.sqrt() } else { -1.0 }
 }
 
 #[cfg(test)]

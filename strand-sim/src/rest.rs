@@ -1,0 +1,350 @@
+//! Rest lengths under which a styled groom hangs in its styled shape: no sag on the first step.
+//!
+//! Springs that are unstressed in the styled shape let it sag. Here the stress that carries the hair's weight is found by
+//! one linear solve with the directions of MS08 §4.1 frozen, and rest lengths are changed to exert it: where the solve
+//! would have moved the hair, springs are tightened instead. A fibre bears only so much: a strand whose equilibrium would
+//! be unstable (its tangent stiffness, compression included, not positive definite) or whose springs would change by more
+//! than a stated share is given a part of its support, or none, and the report says what is left.
+
+use crate::altitude::altitude_lanes;
+use crate::forces::{Implicit, linearise};
+use crate::implicit::{self, Problem};
+use crate::lanes::{LANES, Lane, ZERO};
+use crate::rig::ALTITUDE;
+use crate::step::{Span, StepInput, StepParams, Work};
+use crate::system::{Batch, BatchState, StrandState, StrandSystem};
+use collision::MovingSolid;
+use nalgebra::{Isometry3, Vector3};
+use rayon::prelude::*;
+
+/// Time (s) that the linear solve is given: long against any swing of hair, so that what it finds is the end of it.
+const STATIC_S: f64 = 30.0;
+
+/// Largest change of a spring's rest length, as a share of it.
+const LARGEST_CHANGE: f64 = 0.3;
+
+/// Shares of its support that a strand is offered, from all of it down.
+const SHARES: [f64; 5] = [1.0, 0.75, 0.5, 0.25, 0.125];
+
+/// Gap up to which a strand counts as lying on a solid, cm: what a settled contact leaves.
+const LYING_CM: f64 = 0.005;
+
+/// What balancing came to. Residuals are the net force on a particle over its weight, contact forces counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RestReport {
+    /// Root mean square residual of all free particles before.
+    pub residual_before: f64,
+    /// The same afterwards.
+    pub residual_after: f64,
+    /// Largest residual of any particle afterwards.
+    pub worst_after: f64,
+    /// Strands that hold their shape fully.
+    pub held: usize,
+    /// Strands that hold it in part or not at all.
+    pub given_up: usize,
+}
+
+/// Sums of one batch.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    before: f64,
+    after: f64,
+    worst: f64,
+    particles: usize,
+    held: usize,
+    given_up: usize,
+}
+
+impl StrandSystem {
+    /// Changes rest lengths so that `state`, its velocities aside, is an equilibrium under gravity on the given resting
+    /// solids; `world_from_head` is the head's pose in it.
+    pub fn balance(
+        &mut self,
+        state: &mut StrandState,
+        world_from_head: &Isometry3<f64>,
+        solids: &[MovingSolid],
+        params: &StepParams,
+    ) -> RestReport {
+        let input = StepInput { solids, ..StepInput::still(STATIC_S, *world_from_head) };
+        let mut batches = std::mem::take(&mut self.batches);
+        let sums: Vec<Sums> = batches
+            .par_iter_mut()
+            .zip(state.batches.par_iter_mut())
+            .map_init(|| Work::new(self), |work, (batch, state)| self.balance_batch(batch, state, &input, params, work))
+            .collect();
+        self.batches = batches;
+        let total = sums.iter().fold(Sums::default(), |a, b| Sums {
+            before: a.before + b.before,
+            after: a.after + b.after,
+            worst: a.worst.max(b.worst),
+            particles: a.particles + b.particles,
+            held: a.held + b.held,
+            given_up: a.given_up + b.given_up,
+        });
+        let mean = |sum: f64| (sum / total.particles.max(1) as f64).sqrt();
+        RestReport {
+            residual_before: mean(total.before),
+            residual_after: mean(total.after),
+            worst_after: total.worst,
+            held: total.held,
+            given_up: total.given_up,
+        }
+    }
+
+    fn balance_batch(
+        &self,
+        batch: &mut Batch,
+        state: &mut BatchState,
+        input: &StepInput,
+        params: &StepParams,
+        work: &mut Work,
+    ) -> Sums {
+        let topology = &self.topologies[batch.topology];
+        let lanes = batch.strands.len();
+        self.find_supports(batch, state, input, params, work);
+        let mut sums = Sums { particles: lanes * (topology.n_rig - topology.n_kinematic), ..Sums::default() };
+        // Where the hair would end if it moved as the frozen springs let it.
+        let shift = self.drift(batch, state, input, params, Tangent::Frozen, work);
+        let before = self.residuals(batch, state, params, work, &shift);
+        let styled = (batch.inv_rest_length.clone(), batch.altitude_rest.clone());
+        let mut share: [f64; LANES] = [0.0; LANES];
+        for offered in SHARES {
+            // Only lanes still without support are offered more.
+            let open: [bool; LANES] = std::array::from_fn(|l| share[l] == 0.0);
+            if !open.iter().any(|&o| o) {
+                break;
+            }
+            let mut bearable = [true; LANES];
+            self.tighten(batch, &styled, state, &shift, offered, &open, &mut bearable);
+            self.drift(batch, state, input, params, Tangent::Full, work);
+            eprintln!("DBG offered {offered} bearable {bearable:?} definite {:?}", (0..LANES).map(|l| work.matrix.is_definite(l)).collect::<Vec<_>>());
+            for l in 0..LANES {
+                if open[l] && bearable[l] && work.matrix.is_definite(l) {
+                    share[l] = offered;
+                }
+            }
+        }
+        // What no share suited keeps its styled rest lengths.
+        let refused: [bool; LANES] = std::array::from_fn(|l| share[l] == 0.0);
+        self.tighten(batch, &styled, state, &shift, 0.0, &refused, &mut [true; LANES]);
+        let left = self.drift(batch, state, input, params, Tangent::Frozen, work);
+        let after = self.residuals(batch, state, params, work, &left);
+        for l in 0..lanes {
+            sums.before += before[l].0;
+            sums.after += after[l].0;
+            sums.worst = sums.worst.max(after[l].1);
+            if share[l] == 1.0 { sums.held += 1 } else { sums.given_up += 1 }
+        }
+        sums
+    }
+
+    /// Contacts of hair that lies on a solid, as supports that do not give.
+    fn find_supports(
+        &self,
+        batch: &Batch,
+        state: &mut BatchState,
+        input: &StepInput,
+        params: &StepParams,
+        work: &mut Work,
+    ) {
+        work.contacts.clear();
+        work.watched.clear();
+        state.clearance.clear();
+        let span = Span { begin: 0.0, end: 1.0, h: STATIC_S };
+        self.find_contacts(batch, state, input, &params.contact, span, work);
+        let mut lying: Vec<_> = work.contacts.drain(..).chain(work.watched.drain(..)).collect();
+        lying.retain(|c| c.gap < LYING_CM);
+        for contact in &mut lying {
+            (contact.gap, contact.stiffness) = (0.0, SUPPORT);
+            contact.known = Vector3::zeros();
+        }
+        work.contacts = lying;
+        work.sort_contacts();
+        state.clearance.clear();
+    }
+
+    /// Displacement that the linear solve finds from `state`, per rig particle; supports that would have to pull are let
+    /// go for good.
+    fn drift(
+        &self,
+        batch: &Batch,
+        state: &BatchState,
+        input: &StepInput,
+        params: &StepParams,
+        tangent: Tangent,
+        work: &mut Work,
+    ) -> Vec<[Lane; 3]> {
+        let topology = &self.topologies[batch.topology];
+        let (n_kin, n_rig) = (topology.n_kinematic, topology.n_rig);
+        let h = input.dt;
+        let mut shift = vec![[ZERO; 3]; n_rig];
+        loop {
+            let rhs = &mut work.velocity[..3 * (n_rig - n_kin)];
+            for p in n_kin..n_rig {
+                for c in 0..3 {
+                    for l in 0..LANES {
+                        rhs[3 * (p - n_kin) + c][l] = batch.mass[p][l] * h * params.gravity[c];
+                    }
+                }
+            }
+            let problem = Problem {
+                topology,
+                batch,
+                start: &state.position,
+                guess: None,
+                kinematic: &shift[..n_kin],
+                h,
+                implicit: tangent.implicit(),
+                drag_per_s: 0.0,
+                air: &[],
+                contacts: &work.contacts,
+                driven: &[],
+            };
+            implicit::solve(&problem, &mut work.matrix, rhs);
+            for p in n_kin..n_rig {
+                for c in 0..3 {
+                    for l in 0..LANES {
+                        shift[p][c][l] = h * rhs[3 * (p - n_kin) + c][l];
+                    }
+                }
+            }
+            let n_supports = work.contacts.len();
+            work.contacts.retain(|contact| {
+                let along = |k: usize| contact.normal[k];
+                let moved = |p: usize| (0..3).map(|k| along(k) * shift[p][k][contact.lane]).sum::<f64>();
+                contact.weight[0] * moved(contact.ends[0]) + contact.weight[1] * moved(contact.ends[1]) <= 0.0
+            });
+            if tangent == Tangent::Full || work.contacts.len() == n_supports {
+                return shift;
+            }
+        }
+    }
+
+    /// Sets the rest lengths of the `open` lanes so that springs exert a `share` of what `shift` would make them exert, on
+    /// top of what they do; lanes in which one would change by too much are marked not `bearable`.
+    fn tighten(
+        &self,
+        batch: &mut Batch,
+        styled: &(Vec<Lane>, Vec<crate::altitude::AltitudeRestLanes>),
+        state: &BatchState,
+        shift: &[[Lane; 3]],
+        share: f64,
+        open: &[bool; LANES],
+        bearable: &mut [bool; LANES],
+    ) {
+        let topology = &self.topologies[batch.topology];
+        for (k, spring) in topology.springs.iter().enumerate() {
+            let (a, b) = (&state.position[spring.a], &state.position[spring.b]);
+            let stiffness = &batch.stiffness[spring.kind as usize];
+            let s = linearise(a, b, stiffness, &styled.0[k], &ZERO, 1.0, Tangent::Frozen.implicit());
+            for l in (0..LANES).filter(|&l| open[l]) {
+                let d: [f64; 3] = std::array::from_fn(|c| s.direction[c][l]);
+                let longer: f64 = (0..3).map(|c| d[c] * (shift[spring.b][c][l] - shift[spring.a][c][l])).sum();
+                let length: f64 = (0..3).map(|c| d[c] * (b[c][l] - a[c][l])).sum();
+                // The tension of the spring where it is, as a strain.
+                let strain = length * styled.0[k][l] - 1.0 + share * longer * styled.0[k][l];
+                batch.inv_rest_length[k][l] = (1.0 + strain) / length;
+                bearable[l] &= (batch.inv_rest_length[k][l] / styled.0[k][l] - 1.0).abs() < LARGEST_CHANGE;
+            }
+        }
+        for first in 0..topology.n_tetrahedra() {
+            let x: [&[Lane; 3]; 4] = std::array::from_fn(|c| &state.position[first + c]);
+            let s = altitude_lanes(x, &styled.1[first]);
+            for l in (0..LANES).filter(|&l| open[l] && s.per_length[l] > 0.0) {
+                let longer: f64 = (0..4)
+                    .map(|c| s.weight[c][l] * (0..3).map(|k| s.direction[k][l] * shift[first + c][k][l]).sum::<f64>())
+                    .sum();
+                let change = if s.rest_length[l] == 0.0 { 0.0 } else { -share * longer / s.rest_length[l] };
+                for candidate in 0..crate::altitude::CANDIDATES {
+                    batch.altitude_rest[first].length[candidate][l] =
+                        styled.1[first].length[candidate][l] * (1.0 + change);
+                }
+                bearable[l] &= batch.stiffness[ALTITUDE][l] == 0.0 || change.abs() < LARGEST_CHANGE;
+            }
+        }
+    }
+
+    /// Sum of squares and largest of the residual over weight, per lane: the frozen system gives the net force back from
+    /// the drift it causes.
+    fn residuals(
+        &self,
+        batch: &Batch,
+        state: &BatchState,
+        params: &StepParams,
+        work: &Work,
+        shift: &[[Lane; 3]],
+    ) -> [(f64, f64); LANES] {
+        let topology = &self.topologies[batch.topology];
+        let mut force = vec![[ZERO; 3]; topology.n_rig];
+        for p in 0..topology.n_rig {
+            for c in 0..3 {
+                for l in 0..LANES {
+                    force[p][c][l] = batch.mass[p][l] * params.gravity[c];
+                }
+            }
+        }
+        for (k, spring) in topology.springs.iter().enumerate() {
+            let (a, b) = (&state.position[spring.a], &state.position[spring.b]);
+            let stiffness = &batch.stiffness[spring.kind as usize];
+            let s = linearise(a, b, stiffness, &batch.inv_rest_length[k], &ZERO, 1.0, Tangent::Frozen.implicit());
+            for c in 0..3 {
+                for l in 0..LANES {
+                    force[spring.a][c][l] += s.force[c][l];
+                    force[spring.b][c][l] -= s.force[c][l];
+                }
+            }
+        }
+        for first in 0..topology.n_tetrahedra() {
+            let x: [&[Lane; 3]; 4] = std::array::from_fn(|c| &state.position[first + c]);
+            let s = altitude_lanes(x, &batch.altitude_rest[first]);
+            for l in 0..LANES {
+                let pull = batch.stiffness[ALTITUDE][l] * s.per_length[l] * (s.length[l] - s.rest_length[l]);
+                for c in 0..4 {
+                    for k in 0..3 {
+                        force[first + c][k][l] -= pull * s.weight[c][l] * s.direction[k][l];
+                    }
+                }
+            }
+        }
+        for contact in &work.contacts {
+            let along = |p: usize| (0..3).map(|k| contact.normal[k] * shift[p][k][contact.lane]).sum::<f64>();
+            let moved = contact.weight[0] * along(contact.ends[0]) + contact.weight[1] * along(contact.ends[1]);
+            for e in 0..2 {
+                for k in 0..3 {
+                    force[contact.ends[e]][k][contact.lane] -= SUPPORT * moved * contact.weight[e] * contact.normal[k];
+                }
+            }
+        }
+        let g2 = params.gravity.norm_squared().max(f64::MIN_POSITIVE);
+        let mut out = [(0.0, 0.0_f64); LANES];
+        for p in topology.n_kinematic..topology.n_rig {
+            for l in 0..LANES {
+                let f2: f64 = (0..3).map(|c| force[p][c][l].powi(2)).sum();
+                let residual2 = f2 / (batch.mass[p][l].powi(2) * g2);
+                out[l] = (out[l].0 + residual2, out[l].1.max(residual2.sqrt()));
+            }
+        }
+        out
+    }
+}
+
+/// Stiffness of a support, dyn/cm: far above the hair's, so that it does not give.
+const SUPPORT: f64 = 1e3;
+
+/// Which stiffness the linear solve uses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Tangent {
+    /// Directions frozen: exact in the force it balances.
+    Frozen,
+    /// Turning included, of springs under compression too: its sign decides on stability.
+    Full,
+}
+
+impl Tangent {
+    fn implicit(self) -> Implicit {
+        match self {
+            Self::Frozen => Implicit { elastic: 1.0, geometric: 0.0, least_tension: 0.0 },
+            Self::Full => Implicit { elastic: 1.0, geometric: 1.0, least_tension: f64::NEG_INFINITY },
+        }
+    }
+}
