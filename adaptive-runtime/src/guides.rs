@@ -3,7 +3,7 @@
 use crate::error::Error;
 use crate::graph::GuideMotion;
 use crate::interpolate::TransformArrays;
-use collision::MovingSolid;
+use collision::{MovingSolid, Solid, SolidPose};
 use io_formats::guide_transform::{Blend, DisplacementTransform, guide_transforms};
 use io_formats::skinning_model::{MaterialRecord, SkinningModel};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -64,14 +64,24 @@ pub(crate) struct Guides {
 }
 
 impl Guides {
-    pub(crate) fn new(model: &SkinningModel, world_from_head: &Isometry3<f64>) -> Result<Self, Error> {
+    /// `head` is what the guides rest on; `params` says under what gravity they do.
+    pub(crate) fn new(
+        model: &SkinningModel,
+        world_from_head: &Isometry3<f64>,
+        head: Option<&Solid>,
+        params: &StepParams,
+    ) -> Result<Self, Error> {
         let n = model.n_particles as usize;
         let groom: Vec<Vector3<f64>> =
             model.groom_in_head.chunks_exact(3).map(|p| Vector3::new(p[0], p[1], p[2]).cast()).collect();
         let rest: Vec<[f32; 3]> =
             model.guide_strands.iter().flat_map(|&s| model.rest_of(s as usize).iter().copied()).collect();
-        let system = StrandSystem::new(&groom, n, material_of(&model.material))?;
+        let mut system = StrandSystem::new(&groom, n, material_of(&model.material))?;
         let shape: Vec<Vector3<f64>> = rest.iter().map(|&p| Vector3::from(p).cast()).collect();
+        let pose = SolidPose::still(Isometry3::identity());
+        let head: Vec<_> = head.map(|solid| MovingSolid { solid, pose }).into_iter().collect();
+        // As the full-space simulation that the model was trained on.
+        system.hold_settled(&shape, &head, params)?;
         let state = system.state_of_shape(&shape, world_from_head)?;
         let n_guides = model.n_guides();
         Ok(Self {

@@ -98,7 +98,7 @@ impl Runtime {
         let n = model.n_particles as usize;
         let n_strands = model.n_strands as usize;
         let pad = padded(n);
-        let guides = Guides::new(&model, &world_from_head)?;
+        let guides = Guides::new(&model, &world_from_head, head.as_ref(), &params.guides)?;
         let graph = GuideGraph::new(&model);
         let clusters = Clusters::new(&graph);
         let strands = (0..n_strands)

@@ -36,9 +36,15 @@ pub fn settle(
     params: &StepParams,
     mut progress: impl FnMut(f64),
 ) -> Result<UniformGroom, Error> {
-    let mut strands = FullSpace::new(groom, groom, Material { air_drag_per_s: SETTLE_DRAG, ..material }, params)?;
     let pose = SolidPose::still(Isometry3::identity());
     let head = MovingSolid { solid: head, pose };
+    let points: Vec<Vector3<f64>> = groom.points.iter().map(|&p| Vector3::from(p).cast()).collect();
+    let material = Material { air_drag_per_s: SETTLE_DRAG, ..material };
+    let mut system = StrandSystem::new(&points, groom.n_particles, material)?;
+    let mut state = system.rest_state(&Isometry3::identity());
+    let held = system.balance(&mut state, &Isometry3::identity(), &[head], params);
+    tracing::info!(?held, "styled shape");
+    let mut strands = FullSpace::of(system, state, params, groom.n_particles);
     let n_steps = (SETTLE_S / SETTLE_STEP_S) as usize;
     for k in 0..n_steps {
         strands.step(SETTLE_STEP_S, &Isometry3::identity(), &[head]);
@@ -50,13 +56,14 @@ pub fn settle(
 }
 
 impl FullSpace {
-    /// Strands styled as `groom`, starting still in the shape `rest`, the head at the identity.
+    /// Strands styled as `groom`, starting in equilibrium in the shape `rest` on the head, which is at the identity.
     ///
     /// # Errors
     /// Strands that cannot be simulated.
     pub fn new(
         groom: &UniformGroom,
         rest: &UniformGroom,
+        head: &Solid,
         material: Material,
         params: &StepParams,
     ) -> Result<Self, Error> {
@@ -64,10 +71,18 @@ impl FullSpace {
             groom.points.iter().map(|&p| Vector3::from(p).cast()).collect()
         };
         let n = groom.n_particles;
-        let system = StrandSystem::new(&points(groom), n, material)?;
+        let upright = Isometry3::identity();
+        let mut system = StrandSystem::new(&points(groom), n, material)?;
+        let head = MovingSolid { solid: head, pose: SolidPose::still(upright) };
+        let held = system.hold_settled(&points(rest), &[head], params)?;
+        tracing::info!(?held, "settled shape");
+        let state = system.state_of_shape(&points(rest), &upright)?;
+        Ok(Self::of(system, state, params, n))
+    }
+
+    fn of(system: StrandSystem, state: StrandState, params: &StepParams, n: usize) -> Self {
         let world_from_head = Isometry3::identity();
-        let state = system.state_of_shape(&points(rest), &world_from_head)?;
-        Ok(Self { system, state, workspace: StepWorkspace::default(), params: *params, world_from_head, n })
+        Self { system, state, workspace: StepWorkspace::default(), params: *params, world_from_head, n }
     }
 
     /// Advances all strands; `solids` includes the head.
@@ -102,6 +117,6 @@ impl World {
     /// # Errors
     /// Strands that cannot be simulated.
     pub fn full_space(&self, rest: &UniformGroom, params: &StepParams) -> Result<FullSpace, Error> {
-        FullSpace::new(&self.groom, rest, self.material, params)
+        FullSpace::new(&self.groom, rest, &self.head, self.material, params)
     }
 }

@@ -28,6 +28,7 @@ pub mod interaction;
 pub mod lanes;
 mod material;
 pub mod network;
+pub mod reference;
 mod rest;
 pub mod rig;
 pub mod solve;

@@ -20,6 +20,9 @@ use rayon::prelude::*;
 /// Time (s) that the linear solve is given: long against any swing of hair, so that what it finds is the end of it.
 const STATIC_S: f64 = 30.0;
 
+/// Further solves that take what round-off left.
+const REFINEMENTS: usize = 3;
+
 /// Largest change of a spring's rest length, as a share of it.
 const LARGEST_CHANGE: f64 = 0.3;
 
@@ -91,6 +94,25 @@ impl StrandSystem {
         }
     }
 
+    /// Rest lengths for a groom that was styled as the system was built and has settled to `rest_in_head`: first those that
+    /// hold the style, which is what it settled under, then what is missing in the shape it settled to. `solids` are at
+    /// rest in the head's frame, gravity is that of the head upright. Whoever steps the same strands does the same.
+    ///
+    /// # Errors
+    /// [`crate::Error::RaggedPoints`] unless there are exactly the particles of this system.
+    pub fn hold_settled(
+        &mut self,
+        rest_in_head: &[Vector3<f64>],
+        solids: &[MovingSolid],
+        params: &StepParams,
+    ) -> Result<RestReport, crate::Error> {
+        let upright = Isometry3::identity();
+        let mut styled = self.rest_state(&upright);
+        self.balance(&mut styled, &upright, solids, params);
+        let mut settled = self.state_of_shape(rest_in_head, &upright)?;
+        Ok(self.balance(&mut settled, &upright, solids, params))
+    }
+
     fn balance_batch(
         &self,
         batch: &mut Batch,
@@ -104,9 +126,21 @@ impl StrandSystem {
         self.find_supports(batch, state, input, params, work);
         let mut sums = Sums { particles: lanes * (topology.n_rig - topology.n_kinematic), ..Sums::default() };
         // Where the hair would end if it moved as the frozen springs let it.
-        let shift = self.drift(batch, state, input, params, Tangent::Frozen, work);
+        let mut shift = self.drift(batch, state, input, params, Tangent::Frozen, work);
         let before = self.residuals(batch, state, params, work, &shift);
         let styled = (batch.inv_rest_length.clone(), batch.altitude_rest.clone());
+        for _ in 0..REFINEMENTS {
+            // Edges are ten thousand times stiffer than bends: one solve leaves round-off that is not small to the weight.
+            self.tighten(batch, &styled, state, &shift, 1.0, &[true; LANES], &mut [true; LANES]);
+            let more = self.drift(batch, state, input, params, Tangent::Frozen, work);
+            for (sum, more) in shift.iter_mut().zip(&more) {
+                for c in 0..3 {
+                    for l in 0..LANES {
+                        sum[c][l] += more[c][l];
+                    }
+                }
+            }
+        }
         let mut share: [f64; LANES] = [0.0; LANES];
         for offered in SHARES {
             // Only lanes still without support are offered more.
@@ -117,7 +151,6 @@ impl StrandSystem {
             let mut bearable = [true; LANES];
             self.tighten(batch, &styled, state, &shift, offered, &open, &mut bearable);
             self.drift(batch, state, input, params, Tangent::Full, work);
-            eprintln!("DBG offered {offered} bearable {bearable:?} definite {:?}", (0..LANES).map(|l| work.matrix.is_definite(l)).collect::<Vec<_>>());
             for l in 0..LANES {
                 if open[l] && bearable[l] && work.matrix.is_definite(l) {
                     share[l] = offered;
@@ -239,10 +272,12 @@ impl StrandSystem {
             let s = linearise(a, b, stiffness, &styled.0[k], &ZERO, 1.0, Tangent::Frozen.implicit());
             for l in (0..LANES).filter(|&l| open[l]) {
                 let d: [f64; 3] = std::array::from_fn(|c| s.direction[c][l]);
-                let longer: f64 = (0..3).map(|c| d[c] * (shift[spring.b][c][l] - shift[spring.a][c][l])).sum();
+                let moved = || (0..3).map(|c| d[c] * (shift[spring.b][c][l] - shift[spring.a][c][l])).sum::<f64>();
+                // Without a share the shift is not looked at: it need not be finite.
+                let longer = if share == 0.0 { 0.0 } else { share * moved() };
                 let length: f64 = (0..3).map(|c| d[c] * (b[c][l] - a[c][l])).sum();
                 // The tension of the spring where it is, as a strain.
-                let strain = length * styled.0[k][l] - 1.0 + share * longer * styled.0[k][l];
+                let strain = length * styled.0[k][l] - 1.0 + longer * styled.0[k][l];
                 batch.inv_rest_length[k][l] = (1.0 + strain) / length;
                 bearable[l] &= (batch.inv_rest_length[k][l] / styled.0[k][l] - 1.0).abs() < LARGEST_CHANGE;
             }
@@ -251,10 +286,10 @@ impl StrandSystem {
             let x: [&[Lane; 3]; 4] = std::array::from_fn(|c| &state.position[first + c]);
             let s = altitude_lanes(x, &styled.1[first]);
             for l in (0..LANES).filter(|&l| open[l] && s.per_length[l] > 0.0) {
-                let longer: f64 = (0..4)
-                    .map(|c| s.weight[c][l] * (0..3).map(|k| s.direction[k][l] * shift[first + c][k][l]).sum::<f64>())
-                    .sum();
-                let change = if s.rest_length[l] == 0.0 { 0.0 } else { -share * longer / s.rest_length[l] };
+                let moved = |c: usize| (0..3).map(|k| s.direction[k][l] * shift[first + c][k][l]).sum::<f64>();
+                let longer = || share * (0..4).map(|c| s.weight[c][l] * moved(c)).sum::<f64>();
+                let untouched = share == 0.0 || s.rest_length[l] == 0.0;
+                let change = if untouched { 0.0 } else { -longer() / s.rest_length[l] };
                 for candidate in 0..crate::altitude::CANDIDATES {
                     batch.altitude_rest[first].length[candidate][l] =
                         styled.1[first].length[candidate][l] * (1.0 + change);

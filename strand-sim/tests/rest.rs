@@ -59,7 +59,10 @@ fn a_wavy_groom_that_is_balanced_does_not_sag() {
     let points = waves(6, 0.8);
     let (free, held) = (hold(&points, Material::wavy(), false), hold(&points, Material::wavy(), true));
     let report = held.report.expect("balanced");
-    println!("{report:?}; first step {} and {} cm; a second {} and {} cm", free.first_step_cm, held.first_step_cm, free.second_cm, held.second_cm);
+    println!(
+        "{report:?}; first step {} and {} cm; a second {} and {} cm",
+        free.first_step_cm, held.first_step_cm, free.second_cm, held.second_cm
+    );
     assert_eq!(report.given_up, 0);
     assert!(report.residual_before > 0.5 && report.residual_after < 1e-3, "{report:?}");
     assert!(held.first_step_cm < STILL_CM && held.second_cm < SECOND_CM);

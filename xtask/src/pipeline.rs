@@ -20,7 +20,7 @@ use strand_sim::StepParams;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Raised whenever a change makes stage outputs of equal inputs differ.
-const PIPELINE_VERSION: u64 = 6;
+const PIPELINE_VERSION: u64 = 7;
 
 /// Scenes that come with the program, by name.
 const BUILT_IN: [(&str, &str); 1] = [("salon", include_str!("../../bench/scenes/salon.toml"))];
@@ -205,7 +205,7 @@ fn recorded(
         }
         let motion =
             random_head_motion(spec.seed, sequence as u64, spec.seconds_per_sequence, &HeadMotionParams::lively());
-        let mut full = FullSpace::new(&world.groom, rest, world.material, params)?;
+        let mut full = FullSpace::new(&world.groom, rest, &world.head, world.material, params)?;
         for step in 1..=steps {
             let (before, now) = ((step - 1) as f64 * TRAIN_STEP_S, step as f64 * TRAIN_STEP_S);
             let (from, to) = (motion.pose_at(before), motion.pose_at(now));
