@@ -68,7 +68,8 @@ pub fn pull_across(
     // Clear of each other while the level hair takes its sag.
     let pulled = |x: f64| Isometry3::from(Translation3::new(x - AWAY_CM, 0.0, 0.0));
     let aside = |t: f64| pulled(AWAY_CM * (1.0 - ease(t, 0.7 * SETTLE_S)));
-    let drive = |before: Isometry3<f64>, after: Isometry3<f64>| Drive { strand: 1, particles: (N - 2, N - 1), before, after };
+    let drive =
+        |before: Isometry3<f64>, after: Isometry3<f64>| Drive { strand: 1, particles: (N - 2, N - 1), before, after };
     let mut at = aside(0.0);
     let mut figures = CrossingFigures {
         links_before: 0,

@@ -195,8 +195,12 @@ pub fn hang_wavy(material: Material) -> Result<(WavinessFigures, Film), Error> {
     let (n, length) = (50, 25.0);
     // A wave whose size differs along the strand, and one of a single size.
     let uneven = wave(n, length, |s| 0.15 + 0.35 * (0.5 - 0.5 * (TAU * s / 11.0).cos()));
-    let strands =
-        [straight_strand(Vector3::zeros(), -Vector3::y(), length, n), uneven, wave(n, length, |_| 0.5), Curl::standard().points()];
+    let strands = [
+        straight_strand(Vector3::zeros(), -Vector3::y(), length, n),
+        uneven,
+        wave(n, length, |_| 0.5),
+        Curl::standard().points(),
+    ];
     let mut figures = WavinessFigures { drawn: [0.0; 4], hanging: [0.0; 4], kept: [1.0; 4] };
     let mut film = Film::new(n);
     for (k, rest) in strands.iter().enumerate() {
