@@ -5,6 +5,7 @@
 //! - [`picture`]: pictures without a window
 //! - [`world`]: a scene made real; [`full_space`]: every strand of it simulated
 //! - [`head_motion`]: random head motion for training
+//! - [`strand_scenes`]: the tests of MS08 on single hairs and a tuft
 //! - [`run`]: a scene run in one of the modes compared; [`measures`]: what it is judged by
 //!
 //! Centimetre, gram, second. Everything here is a function of its parameters and seed: the same bytes on any machine
@@ -19,6 +20,7 @@ pub mod measures;
 pub mod picture;
 pub mod run;
 pub mod shapes;
+pub mod strand_scenes;
 pub mod world;
 
 pub use error::Error;

@@ -4,6 +4,7 @@
 //! causes and exits with code 1. What the libraries log is shown on standard error as `RUST_LOG` asks.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program talks to whoever runs it")]
 
+mod bench;
 mod ci;
 mod compare;
 mod convert;
@@ -40,6 +41,8 @@ enum Command {
     RunScene(run_scene::Args),
     /// Run one scene in several modes and print their measures side by side.
     Compare(compare::Args),
+    /// Measure parts on their own.
+    Bench(bench::Args),
     /// Convert a groom to .hair, or a mesh to .obj.
     Convert(convert::Args),
     /// Check everything: format, lints, tests, docs, licences, tidiness, paper map.
@@ -82,6 +85,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Train(args) => train::run(args),
         Command::RunScene(args) => run_scene::run(args),
         Command::Compare(args) => compare::run(args),
+        Command::Bench(args) => bench::run(args),
         Command::Convert(args) => convert::run(args),
         Command::Ci => ci::run(&workspace_root()),
         Command::Tidy => run_tidy(&workspace_root()),
