@@ -36,7 +36,7 @@ mod strain_limit;
 mod system;
 pub mod wind;
 
-pub use body_contact::{Contact, ContactParams, NearPoint, near_points};
+pub use body_contact::{Contact, ContactParams, NearPoint, near_points, near_points_in};
 pub use drive::{Drive, RootMotion};
 pub use error::Error;
 pub use material::{ALTITUDE_PER_TWIST, Material};
