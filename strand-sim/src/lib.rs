@@ -28,6 +28,7 @@ pub mod lanes;
 mod material;
 pub mod network;
 pub mod rig;
+pub mod scalp;
 pub mod solve;
 mod step;
 mod step_size;
@@ -40,6 +41,7 @@ pub use body_contact::{Contact, ContactParams, NearPoint, near_points, near_poin
 pub use drive::{Drive, RootMotion};
 pub use error::Error;
 pub use material::{ALTITUDE_PER_TWIST, Material};
+pub use scalp::Scalp;
 pub use step::{Scheme, StepInput, StepParams, StepReport, StepWorkspace};
 pub use step_size::Substeps;
 pub use system::{MIN_LENGTH_CM, StrandState, StrandSystem};
