@@ -4,6 +4,7 @@
 mod clearance;
 mod closed_forms;
 mod contact;
+mod deforming;
 mod forces;
 mod mesh_bake;
 mod meshes;
