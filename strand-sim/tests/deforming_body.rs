@@ -38,12 +38,12 @@ fn ball(radius: f32) -> Mesh {
 
 fn straight_strand(root: Vector3<f64>, step: Vector3<f64>) -> StrandSystem {
     let points: Vec<_> = (0..25).map(|i| root + step * f64::from(i)).collect();
-    StrandSystem::new(&points, 25, Material::straight()).unwrap()
+    StrandSystem::new(&points, 25, Material::straight()).expect("a sound scene")
 }
 
 fn bake(times_s: &[f64], positions: &[Vec<[f32; 3]>], triangles: &[[u32; 3]], friction: f32) -> DeformingSolid {
     let mesh = KeyedMesh { times_s, positions, triangles };
-    DeformingSolid::from_keys("body", mesh, BakeParams::with_cell(CELL_CM), friction).unwrap()
+    DeformingSolid::from_keys("body", mesh, BakeParams::with_cell(CELL_CM), friction).expect("a sound scene")
 }
 
 #[test]
@@ -88,7 +88,8 @@ fn carried(friction: f32, rigid: bool) -> f64 {
     const STEPS: u32 = 50;
     let (points, triangles) = cuboid([8.0, 0.3, 4.0]);
     let moved = |z: f32| points.iter().map(|p| [p[0], p[1], p[2] + z]).collect::<Vec<_>>();
-    let plate = Solid::from_mesh("plate", &points, &triangles, BakeParams::with_cell(CELL_CM), friction).unwrap();
+    let plate = Solid::from_mesh("plate", &points, &triangles, BakeParams::with_cell(CELL_CM), friction)
+        .expect("a sound scene");
     let time = DT_S * f64::from(STEPS);
     let keys = bake(&[0.0, time], &[moved(0.0), moved(END_CM as f32)], &triangles, friction);
     let system = straight_strand(Vector3::new(-5.0, 0.33, 0.0), Vector3::x() * 0.4);

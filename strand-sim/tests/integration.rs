@@ -23,7 +23,7 @@ fn groom(n_strands: usize) -> Vec<Vector3<f64>> {
 
 /// Where a strand released sideways is after a time, by steps of `h` seconds.
 fn swung(params: &StepParams, h: f64, time_s: f64) -> Vec<Vector3<f64>> {
-    let system = StrandSystem::new(&groom(1), N_PARTICLES, Material::straight()).unwrap();
+    let system = StrandSystem::new(&groom(1), N_PARTICLES, Material::straight()).expect("a sound scene");
     let (mut state, mut workspace) = (system.rest_state(&Isometry3::identity()), StepWorkspace::default());
     for _ in 0..(time_s / h).round() as usize {
         let report = system.step(&mut state, &StepInput::still(h, Isometry3::identity()), params, &mut workspace);
@@ -64,7 +64,6 @@ fn convergence(scheme: Scheme, geometric_stiffness: bool) -> (Vec<f64>, Vec<f64>
     let params = StepParams { geometric_stiffness, ..params(scheme) };
     let errors: Vec<_> = (0..4).map(|k| apart(&swung(&params, 1e-3 / f64::from(1 << k), TIME_S), &fine)).collect();
     let orders: Vec<_> = errors.windows(2).map(|e| (e[0] / e[1]).log2()).collect();
-    println!("{scheme:?}, geometric stiffness {geometric_stiffness}: errors {errors:?} cm, orders {orders:?}");
     (errors, orders)
 }
 
@@ -74,9 +73,11 @@ const ORDER_OFF: f64 = 0.25;
 #[test]
 fn halving_the_step_halves_the_error_of_backward_euler() {
     let (plain, orders) = convergence(Scheme::BackwardEuler, false);
+    println!("backward Euler: errors {plain:?} cm, orders {orders:?}");
     assert!(orders.iter().all(|order| (order - 1.0).abs() < ORDER_OFF), "{orders:?}");
     // Turning resisted implicitly costs accuracy, the more the coarser the step; it vanishes with the step all the same.
     let (geometric, orders) = convergence(Scheme::BackwardEuler, true);
+    println!("with geometric stiffness: errors {geometric:?} cm, orders {orders:?}");
     assert!(orders.iter().all(|&order| order > 1.0), "{orders:?}");
     assert!(geometric[0] > plain[0], "{geometric:?} against {plain:?}");
 }
@@ -84,6 +85,7 @@ fn halving_the_step_halves_the_error_of_backward_euler() {
 #[test]
 fn halving_the_step_quarters_the_error_of_the_trapezoidal_rule() {
     let (errors, orders) = convergence(Scheme::Trapezoidal, false);
+    println!("trapezoidal rule: errors {errors:?} cm, orders {orders:?}");
     assert!(orders.iter().all(|order| (order - 2.0).abs() < ORDER_OFF), "{orders:?}");
     let (backward, _) = convergence(Scheme::BackwardEuler, false);
     assert!(errors.iter().zip(&backward).all(|(a, b)| a < b));
@@ -93,13 +95,14 @@ fn halving_the_step_quarters_the_error_of_the_trapezoidal_rule() {
 fn two_solves_over_whole_steps_are_first_order() {
     // The order falls to one from above: 1.46, 1.30, 1.17.
     let (errors, orders) = convergence(Scheme::TwoSolves, false);
+    println!("two solves: errors {errors:?} cm, orders {orders:?}");
     assert!(errors.is_sorted_by(|a, b| a > b), "{errors:?}");
     assert!((orders[2] - 1.0).abs() < ORDER_OFF, "{orders:?}");
 }
 
 /// Steps a groom on a head that starts to turn about y, and gives the substeps of the last step.
 fn substeps_at(turn_rate: f64, substeps: Substeps) -> u32 {
-    let system = StrandSystem::new(&groom(5), N_PARTICLES, Material::straight()).unwrap();
+    let system = StrandSystem::new(&groom(5), N_PARTICLES, Material::straight()).expect("a sound scene");
     let params = StepParams { substeps, gravity: Vector3::zeros(), ..StepParams::standard() };
     let (mut state, mut workspace) = (system.rest_state(&Isometry3::identity()), StepWorkspace::default());
     let head = |k: u32| Isometry3::rotation(Vector3::y() * (turn_rate * DT_S * f64::from(k)));
@@ -132,10 +135,10 @@ fn stepped(order: &[usize], n_threads: usize) -> (Vec<[u64; 3]>, Vec<u32>) {
     let points = groom(order.len());
     let ordered: Vec<_> =
         order.iter().flat_map(|&s| points[s * N_PARTICLES..][..N_PARTICLES].iter().copied()).collect();
-    let system = StrandSystem::new(&ordered, N_PARTICLES, Material::straight()).unwrap();
+    let system = StrandSystem::new(&ordered, N_PARTICLES, Material::straight()).expect("a sound scene");
     let substeps = Substeps::Adaptive { strain: 0.02, courant: 0.1, most: 20 };
     let params = StepParams { substeps, ..StepParams::standard() };
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().expect("a sound scene");
     pool.install(|| {
         let (mut state, mut workspace): (StrandState, _) =
             (system.rest_state(&Isometry3::identity()), StepWorkspace::default());

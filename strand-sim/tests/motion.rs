@@ -35,7 +35,7 @@ struct Run {
 
 impl Run {
     fn new(points: &[Vector3<f64>], material: Material, gravity: f64) -> Self {
-        let system = StrandSystem::new(points, N_PARTICLES, material).unwrap();
+        let system = StrandSystem::new(points, N_PARTICLES, material).expect("a sound strand");
         let params = StepParams { gravity: Vector3::new(0.0, -gravity, 0.0), ..StepParams::standard() };
         Self { state: system.rest_state(&Isometry3::identity()), system, params, workspace: StepWorkspace::default() }
     }

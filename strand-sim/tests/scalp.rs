@@ -47,7 +47,7 @@ fn strands(roots: &[Vector3<f64>]) -> StrandSystem {
             })
         })
         .collect();
-    StrandSystem::new(&points, N_PARTICLES, Material::straight()).unwrap()
+    StrandSystem::new(&points, N_PARTICLES, Material::straight()).expect("a sound scalp")
 }
 
 fn head(t: f64) -> Isometry3<f64> {

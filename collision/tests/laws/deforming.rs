@@ -20,7 +20,7 @@ fn moved(points: &[[f32; 3]], by: &Isometry3<f64>) -> Vec<[f32; 3]> {
 
 fn bake(times_s: &[f64], positions: &[Vec<[f32; 3]>], triangles: &[[u32; 3]]) -> DeformingSolid {
     let mesh = KeyedMesh { times_s, positions, triangles };
-    DeformingSolid::from_keys("body", mesh, BakeParams::with_cell(CELL_CM), 0.3).unwrap()
+    DeformingSolid::from_keys("body", mesh, BakeParams::with_cell(CELL_CM), 0.3).expect("a sound body")
 }
 
 /// A ball that is squeezed, turned and moved over three keys a tenth of a second apart.
