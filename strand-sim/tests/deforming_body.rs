@@ -110,17 +110,17 @@ fn carried(friction: f32, rigid: bool) -> f64 {
 
 #[test]
 fn a_surface_that_moves_along_itself_carries_a_strand_by_friction() {
-    /// Share of the plate's way that the tip goes at least, the strand's root being held.
-    const CARRIED: f64 = 0.3;
+    /// Of the plate's way of 1 cm; the root is held, and the fibre's stiffness lets its tip run ahead a little.
+    const CARRIED_CM: std::ops::Range<f64> = 0.8..1.2;
     /// Without friction nothing moves along the plate but what contact normals of a grid leave.
     const LEFT_CM: f64 = 0.02;
-    /// Both plates are the same but for their grids.
-    const GRID_CM: f64 = 0.02;
+    /// Both plates are the same but for their grids; which contacts stick first may differ.
+    const GRID_CM: f64 = 0.05;
     let (rough, smooth, rigid) = (carried(1.0, false), carried(0.0, false), carried(1.0, true));
     println!(
         "tip carried {rough} cm by a rough deforming plate, {smooth} cm by a smooth one, {rigid} cm by a rigid one"
     );
-    assert!(rough > CARRIED && rough < 1.05, "{rough}");
+    assert!(CARRIED_CM.contains(&rough), "{rough}");
     assert!(smooth.abs() < LEFT_CM, "{smooth}");
     assert!((rough - rigid).abs() < GRID_CM, "{rough} against {rigid}");
 }
