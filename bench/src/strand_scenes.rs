@@ -102,6 +102,7 @@ impl Stage {
             roots: RootMotion::Frames { before: &self.roots, after: roots },
             solids: &[],
             forces: &[],
+            deforming: &[],
             drives,
             wind: None,
         };

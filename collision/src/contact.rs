@@ -6,7 +6,7 @@
 
 use nalgebra::Vector3;
 
-use crate::sdf::SignedDistanceField;
+use crate::sdf::DistanceField;
 
 /// Where a segment comes deepest into a solid.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,8 +28,8 @@ const MAX_SAMPLES: usize = 4096;
 ///
 /// Samples lie at most `max_spacing` cm apart wherever the solid is near. A stretch that is below the threshold over less
 /// than `max_spacing` may be missed, so pass the solid's half-thickness or less.
-pub fn deepest_on_segment(
-    sdf: &SignedDistanceField,
+pub fn deepest_on_segment<F: DistanceField>(
+    sdf: &F,
     a: Vector3<f32>,
     b: Vector3<f32>,
     max_spacing: f32,

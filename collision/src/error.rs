@@ -126,6 +126,50 @@ pub enum Error {
         /// Where, cm, in the solid's frame.
         position: [f32; 3],
     },
+    /// A deformation needs a start and an end.
+    #[error("deforming solid has {n_keys} key frames, but needs at least 2")]
+    TooFewKeys {
+        /// Key frames given.
+        n_keys: usize,
+    },
+    /// Key frames and their times are not one to one.
+    #[error("deforming solid has {n_keys} key frames, but {n_times} times; give one time a key")]
+    KeyTimes {
+        /// Key frames given.
+        n_keys: usize,
+        /// Times given.
+        n_times: usize,
+    },
+    /// Key frames out of order in time.
+    #[error(
+        "key frame {key} is at {time_s} s, not after the one before it at {before_s} s; sort the key frames by time"
+    )]
+    UnorderedKeys {
+        /// The later of the two.
+        key: usize,
+        /// Its time, s.
+        time_s: f64,
+        /// Time of the one before, s.
+        before_s: f64,
+    },
+    /// Key frames of different meshes.
+    #[error("key frame {key} has {n_vertices} vertices, but the first has {expected}; key frames share one mesh")]
+    RaggedKey {
+        /// Key frame.
+        key: usize,
+        /// Its vertices.
+        n_vertices: usize,
+        /// Vertices of the first key frame.
+        expected: usize,
+    },
+    /// One key frame cannot be baked.
+    #[error("key frame {key} cannot be baked")]
+    BadKey {
+        /// Key frame.
+        key: usize,
+        /// What is wrong with it.
+        source: Box<Error>,
+    },
     /// The mesh library refused the triangles.
     #[error("mesh cannot be indexed for distance queries: {reason}")]
     Unusable {

@@ -1,6 +1,7 @@
 //! Solids, and questions about points and segments.
 //!
-//! A [`Solid`] is a signed distance field in its own frame, baked once; every question is asked in that frame. The crate
+//! A [`Solid`] is a signed distance field in its own frame, baked once; every question is asked in that frame. A
+//! [`DeformingSolid`] has one for each key frame and is interpolated between them (MS08 §5.1). The crate
 //! knows nothing of skinning or springs: it sees points, segments and ribbons between segments.
 //!
 //! - [`sdf`]: the field on a grid, baked from a closed mesh or a function (AS16 §5.1)
@@ -27,9 +28,11 @@
 //! # Ok::<(), collision::Error>(())
 //! ```
 
+mod body;
 pub mod clearance;
 pub mod contact;
 pub mod cull;
+mod deforming;
 mod error;
 pub mod friction;
 pub mod penalty;
@@ -40,11 +43,13 @@ mod solid;
 pub mod spatial_hash;
 mod thickness;
 
+pub use body::{MovingBody, max_displacements};
 pub use clearance::{ribbon_is_free, segment_is_free, strand_ribbon_is_free};
 pub use contact::{SegmentContact, deepest_on_segment};
+pub use deforming::{DeformingSolid, KeyedMesh, MovingDeformingSolid};
 pub use error::Error;
 pub use friction::friction_velocity;
 pub use penalty::{PenaltyParams, SegmentForce, penalty_force, penalty_on_segment};
-pub use sdf::{BakeParams, Bounds, SignedDistanceField, bake_from_fn, bake_from_mesh};
+pub use sdf::{BakeParams, Bounds, DeformedField, DistanceField, SignedDistanceField, bake_from_fn, bake_from_mesh};
 pub use shapes::{Shape, ShapeUnion};
 pub use solid::{MovingSolid, Solid, SolidPose};

@@ -8,9 +8,8 @@ use crate::lanes::{LANES, Lane, Lane3};
 use crate::solve::banded::BandedMatrix;
 use crate::step::{Span, StepInput, Work};
 use crate::system::{Batch, BatchState, StrandSystem, get, set};
-use collision::MovingSolid;
-use collision::deepest_on_segment;
 use collision::friction::slip_factor;
+use collision::{DistanceField, MovingBody, MovingSolid, deepest_on_segment};
 use nalgebra::{Isometry3, Vector3};
 
 /// Constants of hair-solid contact.
@@ -82,24 +81,37 @@ pub fn near_points(
     moving: &MovingSolid,
     world_from_solid: &Isometry3<f64>,
     params: &ContactParams,
+    visit: impl FnMut(NearPoint),
+) -> f64 {
+    let solid = moving.solid;
+    near_points_in(particles, position, &solid.sdf, solid.half_thickness_cm, world_from_solid, params, visit)
+}
+
+/// As [`near_points`], for any field at one moment, of a body of the given half-thickness (cm).
+pub fn near_points_in(
+    particles: std::ops::Range<usize>,
+    position: impl Fn(usize) -> Vector3<f64>,
+    field: &impl DistanceField,
+    half_thickness_cm: f32,
+    world_from_solid: &Isometry3<f64>,
+    params: &ContactParams,
     mut visit: impl FnMut(NearPoint),
 ) -> f64 {
     let solid_from_world = world_from_solid.inverse();
-    let sdf = &moving.solid.sdf;
-    let spacing = moving.solid.half_thickness_cm * params.spacing_over_half_thickness as f32;
+    let spacing = half_thickness_cm * params.spacing_over_half_thickness as f32;
     let reach = params.reach() as f32;
     let in_solid = |i: usize| solid_from_world.transform_point(&position(i).into()).coords.cast::<f32>();
     let mut a = in_solid(particles.start);
-    let mut distance_a = sdf.lower_bound(a);
+    let mut distance_a = field.lower_bound(a);
     let mut clear = distance_a;
     for i in particles.start..particles.end - 1 {
         let b = in_solid(i + 1);
-        let distance_b = sdf.lower_bound(b);
+        let distance_b = field.lower_bound(b);
         // A distance changes by at most the length walked.
         let least = 0.5 * (distance_a + distance_b - (b - a).norm());
         clear = clear.min(least);
         if least < reach
-            && let Some(hit) = deepest_on_segment(sdf, a, b, spacing, reach)
+            && let Some(hit) = deepest_on_segment(field, a, b, spacing, reach)
         {
             visit(NearPoint {
                 segment: i,
@@ -132,39 +144,65 @@ impl StrandSystem {
         span: Span,
         work: &mut Work,
     ) {
-        if state.clearance.len() != input.solids.len() {
+        let n_rigid = input.solids.len();
+        let n_bodies = n_rigid + input.deforming.len();
+        if state.clearance.len() != n_bodies {
             state.clearance.clear();
             // Nothing is known of a new solid: its distance bound starts below zero.
-            state.clearance.resize(input.solids.len(), [-1.0; LANES]);
+            state.clearance.resize(n_bodies, [-1.0; LANES]);
         }
-        let topology = &self.topologies[batch.topology];
-        let (first, n_kin) = (topology.first_free_main(), topology.n_kinematic);
         for (k, moving) in input.solids.iter().enumerate() {
-            let world_from_solid = moving.pose.at(span.end);
-            let by_solid = moving.max_displacement() * (span.end - span.begin);
-            for lane in 0..batch.strands.len() {
-                if state.clearance[k][lane] - by_solid > params.reach() {
-                    continue;
-                }
-                let position = |i: usize| get(&state.position[topology.rig_of_main(i)], lane);
-                let clear = near_points(first..self.n_main, position, moving, &world_from_solid, params, |near| {
-                    let ends = [topology.rig_of_main(near.segment), topology.rig_of_main(near.segment + 1)];
-                    let at = |of: &[Lane3]| near.between(get(&of[ends[0]], lane), get(&of[ends[1]], lane));
-                    let solid_velocity = moving.pose.velocity_at(at(&state.position), input.dt);
-                    let velocity = at(&state.velocity);
-                    let mass = batch.mass[ends[1]][lane];
-                    let friction = f64::from(moving.solid.friction);
-                    let mut found = Contact::at(&near, lane, ends, solid_velocity, friction, mass, span.h, params);
-                    if ends[0] < n_kin {
-                        found.known = work.known_velocity(ends[0], lane) * found.weight[0];
-                    }
-                    work.add_contact(found, near.is_closing(velocity, span.h));
-                });
-                // The bound is as of before this substep's movement, which is subtracted with the rest.
-                state.clearance[k][lane] = clear + by_solid;
-            }
+            self.find_contacts_with(moving, k, batch, state, input.dt, params, span, work);
+        }
+        for (k, moving) in input.deforming.iter().enumerate() {
+            self.find_contacts_with(moving, n_rigid + k, batch, state, input.dt, params, span, work);
         }
         work.sort_contacts();
+    }
+
+    /// Finds the contacts with one body, whose distance bounds are `state.clearance[k]`.
+    fn find_contacts_with(
+        &self,
+        moving: &impl MovingBody,
+        k: usize,
+        batch: &Batch,
+        state: &mut BatchState,
+        dt: f64,
+        params: &ContactParams,
+        span: Span,
+        work: &mut Work,
+    ) {
+        let topology = &self.topologies[batch.topology];
+        let (first, n_kin) = (topology.first_free_main(), topology.n_kinematic);
+        let by_solid = moving.max_displacement() * (span.end - span.begin);
+        if (0..batch.strands.len()).all(|lane| state.clearance[k][lane] - by_solid > params.reach()) {
+            return;
+        }
+        let world_from_solid = moving.pose().at(span.end);
+        let field = moving.field_at(span.end);
+        let (half_thickness, friction) = (moving.half_thickness_cm(), f64::from(moving.friction()));
+        for lane in 0..batch.strands.len() {
+            if state.clearance[k][lane] - by_solid > params.reach() {
+                continue;
+            }
+            let position = |i: usize| get(&state.position[topology.rig_of_main(i)], lane);
+            let particles = first..self.n_main;
+            let visit = |near: NearPoint| {
+                let ends = [topology.rig_of_main(near.segment), topology.rig_of_main(near.segment + 1)];
+                let at = |of: &[Lane3]| near.between(get(&of[ends[0]], lane), get(&of[ends[1]], lane));
+                let solid_velocity = moving.velocity_at(at(&state.position), span.end, dt);
+                let velocity = at(&state.velocity);
+                let mass = batch.mass[ends[1]][lane];
+                let mut found = Contact::at(&near, lane, ends, solid_velocity, friction, mass, span.h, params);
+                if ends[0] < n_kin {
+                    found.known = work.known_velocity(ends[0], lane) * found.weight[0];
+                }
+                work.add_contact(found, near.is_closing(velocity, span.h));
+            };
+            let clear = near_points_in(particles, position, &field, half_thickness, &world_from_solid, params, visit);
+            // The bound is as of before this substep's movement, which is subtracted with the rest.
+            state.clearance[k][lane] = clear + by_solid;
+        }
     }
 }
 

@@ -108,6 +108,30 @@ pub enum Error {
         /// The other.
         b: usize,
     },
+    /// A scalp that no root can be bound to.
+    #[error("none of the scalp's {n_triangles} triangles has an area; give the scalp's surface mesh")]
+    NoTriangles {
+        /// Triangles given.
+        n_triangles: usize,
+    },
+    /// Vertices that are not those of the scalp the roots were bound to.
+    #[error("the deformed scalp has {n_vertices} vertices, but roots were bound to one of {expected}; keep the mesh")]
+    OtherMesh {
+        /// Vertices given.
+        n_vertices: usize,
+        /// Vertices of the rest mesh.
+        expected: usize,
+    },
+    /// A root whose triangle has collapsed has no direction.
+    #[error(
+        "the triangle under the root of strand {strand} has collapsed to {area_cm2} cm²; repair the scalp's motion"
+    )]
+    LostTriangle {
+        /// Strand index.
+        strand: usize,
+        /// Area left, cm².
+        area_cm2: f64,
+    },
     /// Spring constants that leave some motion without resistance.
     #[error(
         "the spring network of spacing {h_cm} cm has a motion that no spring resists; make every constant positive"

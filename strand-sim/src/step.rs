@@ -17,7 +17,7 @@ use crate::step_size::{Substeps, count_substeps};
 use crate::strain_limit::limit_strain;
 use crate::system::{Batch, BatchState, StrandState, StrandSystem, get, set, transform};
 use crate::wind::WindField;
-use collision::MovingSolid;
+use collision::{MovingDeformingSolid, MovingSolid, max_displacements};
 use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
 
@@ -96,6 +96,8 @@ pub struct StepInput<'a> {
     pub roots: RootMotion<'a>,
     /// Solids with their motion over the step.
     pub solids: &'a [MovingSolid<'a>],
+    /// Deforming bodies with their motion over the step.
+    pub deforming: &'a [MovingDeformingSolid<'a>],
     /// Further forces on the hair's own particles, strand-major, dyn; held over the step. Empty for none.
     pub forces: &'a [Vector3<f64>],
     /// Particles pinned or driven beyond the roots, ordered by strand.
@@ -109,7 +111,7 @@ impl StepInput<'_> {
     #[must_use]
     pub fn carried(dt: f64, before: Isometry3<f64>, after: Isometry3<f64>) -> Self {
         let roots = RootMotion::Head { before, after };
-        Self { dt, time_s: 0.0, roots, solids: &[], forces: &[], drives: &[], wind: None }
+        Self { dt, time_s: 0.0, roots, solids: &[], deforming: &[], forces: &[], drives: &[], wind: None }
     }
 
     /// A step of `dt` seconds with the head held at a pose.
@@ -336,7 +338,7 @@ impl StrandSystem {
                 }
             }
         }
-        account_movement(state, &work.next[..n_rig], input.solids, span.end - span.begin);
+        account_movement(state, &work.next[..n_rig], input, span.end - span.begin);
         state.position.copy_from_slice(&work.next[..n_rig]);
         state.velocity.copy_from_slice(&work.next_velocity[..n_rig]);
     }
@@ -526,8 +528,8 @@ impl Work {
 }
 
 /// Lowers every distance bound by what strand and solid move on the way to `next`.
-fn account_movement(state: &mut BatchState, next: &[Lane3], solids: &[MovingSolid], fraction: f64) {
-    if solids.is_empty() {
+fn account_movement(state: &mut BatchState, next: &[Lane3], input: &StepInput, fraction: f64) {
+    if state.clearance.is_empty() {
         return;
     }
     let mut moved = ZERO;
@@ -537,8 +539,8 @@ fn account_movement(state: &mut BatchState, next: &[Lane3], solids: &[MovingSoli
             moved[l] = moved[l].max(d);
         }
     }
-    for (clearance, solid) in state.clearance.iter_mut().zip(solids) {
-        let by_solid = fraction * solid.max_displacement();
+    for (clearance, path) in state.clearance.iter_mut().zip(max_displacements(input.solids, input.deforming)) {
+        let by_solid = fraction * path;
         for l in 0..LANES {
             clearance[l] -= moved[l].sqrt() + by_solid;
         }

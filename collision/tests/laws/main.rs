@@ -4,6 +4,7 @@
 mod clearance;
 mod closed_forms;
 mod contact;
+mod deforming;
 mod forces;
 mod grid;
 mod mesh_bake;
