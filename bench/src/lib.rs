@@ -20,6 +20,7 @@ pub mod measures;
 pub mod picture;
 pub mod run;
 pub mod shapes;
+pub mod strand_bench;
 pub mod strand_scenes;
 pub mod world;
 

@@ -60,6 +60,12 @@ pub struct Contact {
 /// Gaps up to this are watched, so that a strand closing in stops at the surface and not behind it, cm.
 const WATCHED_GAP_CM: f64 = 0.1;
 
+/// What forces may add to a strand's movement within a substep, cm: gravity adds 0.025 in 5 ms.
+const UNFORESEEN_CM: f64 = 0.03;
+
+/// Farthest that a strand's own movement within a substep is looked ahead, cm.
+const FARTHEST_CM: f64 = 0.5;
+
 /// A point where a strand is nearest a solid.
 #[derive(Clone, Copy, Debug)]
 pub struct NearPoint {
@@ -83,11 +89,12 @@ pub fn near_points(
     params: &ContactParams,
     visit: impl FnMut(NearPoint),
 ) -> f64 {
-    let solid = moving.solid;
-    near_points_in(particles, position, &solid.sdf, solid.half_thickness_cm, world_from_solid, params, visit)
+    let (solid, reach) = (moving.solid, |_| params.reach());
+    near_points_in(particles, position, &solid.sdf, solid.half_thickness_cm, world_from_solid, params, reach, visit)
 }
 
-/// As [`near_points`], for any field at one moment, of a body of the given half-thickness (cm).
+/// As [`near_points`], for any field at one moment, of a body of the given half-thickness (cm), and with a watching
+/// distance for each segment (cm).
 pub fn near_points_in(
     particles: std::ops::Range<usize>,
     position: impl Fn(usize) -> Vector3<f64>,
@@ -95,11 +102,11 @@ pub fn near_points_in(
     half_thickness_cm: f32,
     world_from_solid: &Isometry3<f64>,
     params: &ContactParams,
+    reach: impl Fn(usize) -> f64,
     mut visit: impl FnMut(NearPoint),
 ) -> f64 {
     let solid_from_world = world_from_solid.inverse();
     let spacing = half_thickness_cm * params.spacing_over_half_thickness as f32;
-    let reach = params.reach() as f32;
     let in_solid = |i: usize| solid_from_world.transform_point(&position(i).into()).coords.cast::<f32>();
     let mut a = in_solid(particles.start);
     let mut distance_a = field.lower_bound(a);
@@ -110,6 +117,7 @@ pub fn near_points_in(
         // A distance changes by at most the length walked.
         let least = 0.5 * (distance_a + distance_b - (b - a).norm());
         clear = clear.min(least);
+        let reach = reach(i) as f32;
         if least < reach
             && let Some(hit) = deepest_on_segment(field, a, b, spacing, reach)
         {
@@ -175,14 +183,20 @@ impl StrandSystem {
         let topology = &self.topologies[batch.topology];
         let (first, n_kin) = (topology.first_free_main(), topology.n_kinematic);
         let by_solid = moving.max_displacement() * (span.end - span.begin);
-        if (0..batch.strands.len()).all(|lane| state.clearance[k][lane] - by_solid > params.reach()) {
+        let speed = |i: usize, lane: usize| get(&state.velocity[topology.rig_of_main(i)], lane).norm();
+        // A strand meets the solid, seen where the substep ends, within what it moves itself and what forces add to that.
+        let reach = |speed: f64| params.offset_cm + UNFORESEEN_CM + (speed * span.h).min(FARTHEST_CM);
+        let fastest: [f64; LANES] =
+            std::array::from_fn(|lane| (first..self.n_main).map(|i| speed(i, lane)).fold(0.0, f64::max));
+        let is_clear = |lane: usize| state.clearance[k][lane] - by_solid > reach(fastest[lane]);
+        if (0..batch.strands.len()).all(is_clear) {
             return;
         }
         let world_from_solid = moving.pose().at(span.end);
         let field = moving.field_at(span.end);
         let (half_thickness, friction) = (moving.half_thickness_cm(), f64::from(moving.friction()));
         for lane in 0..batch.strands.len() {
-            if state.clearance[k][lane] - by_solid > params.reach() {
+            if state.clearance[k][lane] - by_solid > reach(fastest[lane]) {
                 continue;
             }
             let position = |i: usize| get(&state.position[topology.rig_of_main(i)], lane);
@@ -199,7 +213,9 @@ impl StrandSystem {
                 }
                 work.add_contact(found, near.is_closing(velocity, span.h));
             };
-            let clear = near_points_in(particles, position, &field, half_thickness, &world_from_solid, params, visit);
+            let watched = |i: usize| reach(speed(i, lane).max(speed(i + 1, lane)));
+            let (field, pose) = (&field, &world_from_solid);
+            let clear = near_points_in(particles, position, field, half_thickness, pose, params, watched, visit);
             // The bound is as of before this substep's movement, which is subtracted with the rest.
             state.clearance[k][lane] = clear + by_solid;
         }

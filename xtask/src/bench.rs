@@ -1,6 +1,7 @@
 //! `xtask bench`: what is measured apart from whole scenes of the salon.
 
 mod strand_scenes;
+mod strand_sim;
 
 use anyhow::Result;
 
@@ -15,11 +16,14 @@ pub struct Args {
 enum What {
     /// The tests of single hairs and a tuft of MS08 Fig. 10, 11, 13: figures and pictures.
     StrandScenes(strand_scenes::Args),
+    /// The cost of the strand simulator: ratios measured in one run, MS08 Table 2, a full head.
+    StrandSim(strand_sim::Args),
 }
 
 /// Runs the command.
 pub fn run(args: Args) -> Result<()> {
     match args.what {
         What::StrandScenes(args) => strand_scenes::run(args),
+        What::StrandSim(args) => strand_sim::run(args),
     }
 }
