@@ -77,12 +77,7 @@ impl Material {
     /// and 1 cm, where wavy hair gives up a fifth and more of the last.
     #[must_use]
     pub fn curly() -> Self {
-        Self {
-            bend_dyn: 800.0,
-            twist_dyn: 400.0,
-            altitude_dyn: ALTITUDE_PER_TWIST * 400.0,
-            ..Self::wavy()
-        }
+        Self { bend_dyn: 800.0, twist_dyn: 400.0, altitude_dyn: ALTITUDE_PER_TWIST * 400.0, ..Self::wavy() }
     }
 
     /// Checks every constant.

@@ -89,7 +89,7 @@ fn run_loop() -> Result<Vec<Shown>> {
 
 fn run_twist() -> Result<Vec<Shown>> {
     let hair = ClampedHair { n_particles: 81, ..ClampedHair::standard() };
-    Ok(vec![shown("ends 30 % nearer", twist(&hair, 0.3, 8.0, 1.0, true)?)?])
+    Ok(vec![shown("ends 40 % nearer", twist(&hair, 0.4, 3.4, 1.0, true)?)?])
 }
 
 fn run_crossing() -> Result<Vec<Shown>> {
@@ -98,7 +98,7 @@ fn run_crossing() -> Result<Vec<Shown>> {
 }
 
 fn run_stretch() -> Result<Vec<Shown>> {
-    Ok(vec![shown("pulled to 1.6 times", stretch_and_release(&Curl::standard(), Material::wavy(), 1.6)?)?])
+    Ok(vec![shown("pulled to 1.6 times", stretch_and_release(&Curl::standard(), Material::curly(), 1.6)?)?])
 }
 
 fn run_drop() -> Result<Vec<Shown>> {
@@ -106,7 +106,7 @@ fn run_drop() -> Result<Vec<Shown>> {
 }
 
 fn run_waviness() -> Result<Vec<Shown>> {
-    Ok(vec![shown("straight, wavy, evenly wavy, curly", hang_wavy(Material::wavy())?)?])
+    Ok(vec![shown("straight, wavy, evenly wavy, curly", hang_wavy(Material::curly())?)?])
 }
 
 fn run_tuft() -> Result<Vec<Shown>> {
