@@ -239,3 +239,65 @@ pub fn twist(
     figures.largest_turn = largest_turn(&before);
     Ok((figures, stage.into_film()))
 }
+
+/// When a twisted hair would leave the straight line by itself, beside rod theory.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct CriticalTwist {
+    /// Push of the ends on each other without twist, dyn.
+    pub push_dyn: f64,
+    /// The same of an Euler column of the network's EI, clamped at both ends: 4π²EI/L².
+    pub euler_dyn: f64,
+    /// Turns at which the push becomes a pull.
+    pub turns: f64,
+    /// Turns at which a clamped rod of the network's EI and GJ buckles under twist alone: 8.9868 EI/GJ.
+    pub rod_turns: f64,
+}
+
+/// Turns one end of a nearly straight hair until its ends no longer push each other apart.
+///
+/// A hair whose end may slide is straight as long as it pushes that end out, and gives way when it pulls it in. Here the
+/// ends are held `slack` of its length nearer than it is long, so that it is bent by next to nothing, and the force on them
+/// is read; where it changes sign is the critical twist.
+///
+/// # Errors
+/// A hair that cannot be simulated.
+pub fn critical_twist(hair: &ClampedHair, slack: f64, turns_per_s: f64) -> Result<CriticalTwist, Error> {
+    const SLACKEN_S: f64 = 1.0;
+    /// Turns given up after; about twice what a rod of round section takes.
+    const MOST_TURNS: f64 = 4.0;
+    let mut stage = hair.stage()?;
+    let rod = hair.stiffness()?;
+    let n_slacken = (2.0 * SLACKEN_S / PUSH_DT).round() as usize;
+    let n_twist = (MOST_TURNS / turns_per_s.abs() / PUSH_DT).round() as usize;
+    let clamp_at = |t: f64| Clamp {
+        inwards_cm: slack * hair.length_cm * ease(t, SLACKEN_S),
+        // A hair's breadth, so that a straight hair knows where to.
+        aside_cm: 0.01,
+        turns: turns_per_s * (t - 2.0 * SLACKEN_S).max(0.0),
+    };
+    let free_cm = hair.length_cm - 2.0 * hair.spacing_cm();
+    let mut out = CriticalTwist {
+        push_dyn: f64::NAN,
+        euler_dyn: TAU * TAU * rod.mean_bend() / (free_cm * free_cm),
+        turns: f64::NAN,
+        rod_turns: 8.9868 * rod.mean_bend() / rod.twist / TAU,
+    };
+    // Swings are taken out by a mean over a fifth of a second.
+    const N_MEAN: usize = 50;
+    let mut pushes = Vec::with_capacity(n_slacken + n_twist);
+    for step in 0..n_slacken + n_twist {
+        let t = PUSH_DT * step as f64;
+        stage.rest(PUSH_DT, &[hair.clamp(&clamp_at(t), &clamp_at(t + PUSH_DT))]);
+        pushes.push(stage.cut_force(0, hair.n_particles / 2).x);
+        let Some(from) = pushes.len().checked_sub(N_MEAN) else { continue };
+        let mean = pushes[from..].iter().sum::<f64>() / N_MEAN as f64;
+        if step + 1 == n_slacken {
+            out.push_dyn = mean;
+        }
+        if step >= n_slacken + N_MEAN && mean < 0.0 {
+            out.turns = clamp_at(t - 0.5 * PUSH_DT * N_MEAN as f64).turns;
+            break;
+        }
+    }
+    Ok(out)
+}
