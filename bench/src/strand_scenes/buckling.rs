@@ -150,7 +150,7 @@ pub fn push_into_loop(
         figures.largest_strain = figures.largest_strain.max(largest_strain(&now, &rest, hair.n_particles));
         figures.passes += stage.passes_since(&before);
         before = now;
-        if (step + 1) % n_steps.div_ceil(PICTURES - 1) == 0 || step + 1 == n_steps {
+        if (step + 1).is_multiple_of(n_steps.div_ceil(PICTURES - 1)) || step + 1 == n_steps {
             stage.shoot();
         }
     }
@@ -232,7 +232,7 @@ pub fn twist(
             let off_axis_cm = off_axis(&before, &Vector3::x());
             figures.samples.push(TwistSample { turns: to.turns, off_axis_cm, writhe: writhe(&before) });
         }
-        if (step + 1) % n_steps.div_ceil(PICTURES) == 0 || step + 1 == n_steps {
+        if (step + 1).is_multiple_of(n_steps.div_ceil(PICTURES)) || step + 1 == n_steps {
             stage.shoot();
         }
     }
@@ -257,7 +257,8 @@ pub struct CriticalTwist {
 ///
 /// A hair whose end may slide is straight as long as it pushes that end out, and gives way when it pulls it in. Here the
 /// ends are held `slack` of its length nearer than it is long, so that it is bent by next to nothing, and the force on them
-/// is read; where it changes sign is the critical twist.
+/// is read; where it changes sign is the critical twist. Turned faster than about a tenth of a turn a second the hair swings
+/// and pulls too early.
 ///
 /// # Errors
 /// A hair that cannot be simulated.
@@ -266,6 +267,8 @@ pub fn critical_twist(hair: &ClampedHair, slack: f64, turns_per_s: f64) -> Resul
     /// Turns given up after; about twice what a rod of round section takes.
     const MOST_TURNS: f64 = 4.0;
     let mut stage = hair.stage()?;
+    // Hardly bent, it cannot meet itself.
+    stage.interaction = None;
     let rod = hair.stiffness()?;
     let n_slacken = (2.0 * SLACKEN_S / PUSH_DT).round() as usize;
     let n_twist = (MOST_TURNS / turns_per_s.abs() / PUSH_DT).round() as usize;

@@ -1,7 +1,7 @@
 //! MS08 Fig. 10, 11, 13: what the paper shows in pictures of single hairs and a tuft, as laws, on the scenes of the bench.
 
 use hair_bench::strand_scenes::basic::BasicParams;
-use hair_bench::strand_scenes::buckling::{ClampedHair, push_into_loop, twist};
+use hair_bench::strand_scenes::buckling::{ClampedHair, critical_twist, push_into_loop, twist};
 use hair_bench::strand_scenes::crossing::pull_across;
 use hair_bench::strand_scenes::curls::{Curl, drop_curls, hang_wavy, stretch_and_release};
 use hair_bench::strand_scenes::shape::rms_distance;
@@ -44,6 +44,18 @@ fn a_hair_that_gives_way_to_the_other_side_takes_the_mirrored_shape() {
     let mirrored: Vec<_> = end(-0.1).iter().map(|p| Vector3::new(p.x, -p.y, p.z)).collect();
     let apart = rms_distance(&end(0.1), &mirrored) / hair.length_cm;
     assert!(apart < HANDEDNESS, "{apart} of the length");
+}
+
+#[test]
+fn a_clamped_hair_bears_eulers_load_and_the_critical_twist_of_a_rod_of_its_stiffness() {
+    /// Of the Euler load: the hair is bent a little, and clamps end between particles.
+    const EULER_SHARE: f64 = 0.05;
+    /// Of the critical twist: what still swings at a tenth of a turn a second.
+    const CRITICAL_SHARE: f64 = 0.1;
+    let hair = ClampedHair { n_particles: 81, ..ClampedHair::standard() };
+    let f = critical_twist(&hair, 0.005, 0.1).unwrap();
+    assert!((f.push_dyn / f.euler_dyn - 1.0).abs() < EULER_SHARE, "{f:?}");
+    assert!((f.turns / f.rod_turns - 1.0).abs() < CRITICAL_SHARE, "{f:?}");
 }
 
 #[test]
