@@ -25,6 +25,8 @@ pub enum Style {
     Straight,
     /// With waves whose phase runs smoothly over the scalp.
     Wavy,
+    /// In curls about the combed direction, phases as those of waves.
+    Curly,
 }
 
 /// What to grow, and on what.
@@ -54,6 +56,7 @@ const STEP_CM: f32 = 0.2;
 /// Arc length over which a strand's direction follows the field, cm: stiffness, as it were.
 const BEND_CM: f32 = 0.55;
 const WAVE_AMPLITUDE_CM: f32 = 0.4;
+const CURL_RADIUS_CM: f32 = 0.75;
 const WAVE_LENGTH_CM: f32 = 4.0;
 
 /// Grows a groom.
@@ -199,7 +202,7 @@ fn grow(params: &GroomParams, strand: u64, root: Vector3<f32>, out: &mut [[f32; 
     let layer: f32 = random.random();
     let lean = Vector3::from(random.random::<[f32; 3]>()).add_scalar(-0.5) * 0.07;
     // Chords are shorter than the drawn arc: in the bend at the root, and along waves.
-    let drawn = if params.style == Style::Wavy { 1.25 } else { 1.08 } * length + 2.0 * STEP_CM;
+    let drawn = if params.style == Style::Straight { 1.08 } else { 1.25 } * length + 2.0 * STEP_CM;
 
     let (_, normal) = sdf.outward_normal(root);
     let mut axis = vec![root];
@@ -225,9 +228,15 @@ fn grow(params: &GroomParams, strand: u64, root: Vector3<f32>, out: &mut [[f32; 
         p = pushed_out(sdf, p);
         axis.push(p);
     }
-    if params.style == Style::Wavy {
+    // Size of the wave sideways and away from the head.
+    let displaced = match params.style {
+        Style::Straight => None,
+        Style::Wavy => Some([WAVE_AMPLITUDE_CM, 0.5 * WAVE_AMPLITUDE_CM]),
+        Style::Curly => Some([CURL_RADIUS_CM; 2]),
+    };
+    if let Some(amplitudes) = displaced {
         let phase = wave_phase(root, params.seed) + 0.5 * random.random::<f32>();
-        wave(sdf, &mut axis, phase);
+        wave(sdf, &mut axis, phase, amplitudes);
     }
     resample(&axis, length, out);
     for point in out.iter_mut().skip(1) {
@@ -278,7 +287,7 @@ fn wave_phase(root: Vector3<f32>, seed: u64) -> f32 {
 }
 
 /// Displaces a strand's axis sideways and outwards by a wave that fades in over the first centimetres.
-fn wave(sdf: &SignedDistanceField, axis: &mut [Vector3<f32>], phase: f32) {
+fn wave(sdf: &SignedDistanceField, axis: &mut [Vector3<f32>], phase: f32, amplitudes: [f32; 2]) {
     let straight = axis.to_vec();
     let n = straight.len();
     for i in 1..n {
@@ -288,8 +297,8 @@ fn wave(sdf: &SignedDistanceField, axis: &mut [Vector3<f32>], phase: f32) {
         let Some(sideways) = tangent.cross(&normal).try_normalize(1e-4) else { continue };
         let outwards = sideways.cross(&tangent).try_normalize(1e-4).unwrap_or(normal);
         let (sin, cos) = (2.0 * std::f32::consts::PI * s / WAVE_LENGTH_CM + phase).sin_cos();
-        let amplitude = WAVE_AMPLITUDE_CM * smooth_step(0.5, 5.0, s);
-        axis[i] = pushed_out(sdf, straight[i] + sideways * (amplitude * sin) + outwards * (0.5 * amplitude * cos));
+        let [aside, out] = amplitudes.map(|a| a * smooth_step(0.5, 5.0, s));
+        axis[i] = pushed_out(sdf, straight[i] + sideways * (aside * sin) + outwards * (out * cos));
     }
 }
 
@@ -393,6 +402,11 @@ mod tests {
     #[test]
     fn wavy_hair_is_evenly_spaced_and_outside_the_head() {
         check(Style::Wavy);
+    }
+
+    #[test]
+    fn curly_hair_is_evenly_spaced_and_outside_the_head() {
+        check(Style::Curly);
     }
 
     #[test]

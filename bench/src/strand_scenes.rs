@@ -145,6 +145,12 @@ impl Stage {
         &self.system
     }
 
+    /// Force through a cut across a segment of a strand, on what lies beyond it, dyn.
+    #[must_use]
+    pub fn cut_force(&self, strand: usize, segment: usize) -> Vector3<f64> {
+        self.system.cut_force(&self.state, strand, segment)
+    }
+
     /// Links held.
     #[must_use]
     pub fn links(&self) -> &LinkSet {

@@ -85,6 +85,7 @@ impl World {
         let preset = match scene.material.preset {
             HairStyle::Straight => Material::straight(),
             HairStyle::Wavy => Material::wavy(),
+            HairStyle::Curly => Material::curly(),
         };
         let material = material_of(&scene.material.apply(record_of(&preset)));
         Ok(Self {
@@ -166,6 +167,7 @@ fn build_groom(scene: &Scene, head: &Solid) -> Result<(UniformGroom, usize), Err
             let style = match spec.style {
                 HairStyle::Straight => Style::Straight,
                 HairStyle::Wavy => Style::Wavy,
+                HairStyle::Curly => Style::Curly,
             };
             let params = GroomParams {
                 style,

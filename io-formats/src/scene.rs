@@ -111,6 +111,8 @@ pub enum HairStyle {
     Straight,
     /// Wavy.
     Wavy,
+    /// Curly.
+    Curly,
 }
 
 /// The head: its surface and how it moves.

@@ -63,6 +63,17 @@ fn defaults_are_those_documented() {
 }
 
 #[test]
+fn every_style_is_known_by_its_name() {
+    for (name, style) in [("straight", HairStyle::Straight), ("wavy", HairStyle::Wavy), ("curly", HairStyle::Curly)] {
+        let text = SMALLEST.replace("wavy", name);
+        let s = scene(&format!("{text}[material]\npreset = \"{name}\"\n")).unwrap();
+        assert_eq!(s.material.preset, style);
+        assert!(matches!(s.groom.source, GroomSource::Generated(of) if of.style == style));
+    }
+    assert!(scene(&SMALLEST.replace("wavy", "frizzy")).unwrap_err().to_string().contains("frizzy"));
+}
+
+#[test]
 fn every_field_that_makes_no_sense_is_refused_by_name() {
     let solid = |rest: &str| format!("{SMALLEST}[[solid]]\nname = \"s\"\n{rest}\n");
     let comb = |teeth: &str, pitch: &str| {

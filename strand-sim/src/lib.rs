@@ -20,6 +20,7 @@
 
 pub mod altitude;
 mod body_contact;
+mod cut_force;
 mod drive;
 mod error;
 mod forces;

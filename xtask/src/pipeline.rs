@@ -329,6 +329,7 @@ pub fn describe(world: &World) -> String {
         GroomSource::Generated(spec) => match spec.style {
             HairStyle::Straight => "generated straight".to_owned(),
             HairStyle::Wavy => "generated wavy".to_owned(),
+            HairStyle::Curly => "generated curly".to_owned(),
         },
         GroomSource::File { path, .. } => path.display().to_string(),
     };

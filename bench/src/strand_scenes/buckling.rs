@@ -17,8 +17,12 @@ use strand_sim::{Drive, InteractionParams, Material, StepParams};
 /// Air drag that takes up the slowest swing of a clamped hair of this length within a tenth of a second, 1/s.
 const DRAG_PER_S: f64 = 20.0;
 
-/// Step, s.
-const DT: f64 = 0.005;
+/// Step of a hair that is pushed, s.
+const PUSH_DT: f64 = 0.004;
+
+/// Step of a hair that is twisted, s: when it snaps into a loop it meets itself at some metres a second, and at four times
+/// this step it tears through itself.
+const TWIST_DT: f64 = 0.001;
 
 /// A hair clamped at both ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,7 +70,9 @@ impl ClampedHair {
 
     fn stage(&self) -> Result<Stage, Error> {
         let material = Material { air_drag_per_s: DRAG_PER_S, ..self.material };
-        let params = StepParams { gravity: Vector3::zeros(), ..StepParams::standard() };
+        // The strain limit marches from the root and would leave all that it takes off to the segment at the far clamp;
+        // between two clamps the springs alone hold the length.
+        let params = StepParams { gravity: Vector3::zeros(), strain_limit: f64::INFINITY, ..StepParams::standard() };
         let interaction = InteractionParams { stiction: StictionParams::off(), ..InteractionParams::dry() };
         Stage::new(&self.rest(), self.n_particles, material, params, Some(interaction))
     }
@@ -127,7 +133,7 @@ pub fn push_into_loop(
     const PICTURES: usize = 8;
     let rest = hair.rest();
     let mut stage = hair.stage()?;
-    let n_steps = ((PUSH_S + HOLD_S) / DT).round() as usize;
+    let n_steps = ((PUSH_S + HOLD_S) / PUSH_DT).round() as usize;
     let clamp_at = |t: f64| Clamp {
         inwards_cm: inwards * hair.length_cm * ease(t, PUSH_S),
         aside_cm: aside_cm * ease(t, 0.1 * PUSH_S),
@@ -138,13 +144,13 @@ pub fn push_into_loop(
     stage.shoot();
     let mut before = stage.positions();
     for step in 0..n_steps {
-        let t = DT * step as f64;
-        stage.rest(DT, &[hair.clamp(&clamp_at(t), &clamp_at(t + DT))]);
+        let t = PUSH_DT * step as f64;
+        stage.rest(PUSH_DT, &[hair.clamp(&clamp_at(t), &clamp_at(t + PUSH_DT))]);
         let now = stage.positions();
         figures.largest_strain = figures.largest_strain.max(largest_strain(&now, &rest, hair.n_particles));
         figures.passes += stage.passes_since(&before);
         before = now;
-        if (step + 1) % n_steps.div_ceil(PICTURES - 1) == 0 || step + 1 == n_steps {
+        if (step + 1).is_multiple_of(n_steps.div_ceil(PICTURES - 1)) || step + 1 == n_steps {
             stage.shoot();
         }
     }
@@ -199,7 +205,7 @@ pub fn twist(
         stage.interaction = None;
     }
     let twist_s = turns / turns_per_s;
-    let n_steps = ((SLACKEN_S + twist_s) / DT).round() as usize;
+    let n_steps = ((SLACKEN_S + twist_s) / TWIST_DT).round() as usize;
     let clamp_at = |t: f64| Clamp {
         inwards_cm: slack * hair.length_cm * ease(t, SLACKEN_S),
         aside_cm: 0.0,
@@ -215,21 +221,86 @@ pub fn twist(
     };
     let mut before = stage.positions();
     for step in 0..n_steps {
-        let t = DT * step as f64;
-        let (from, to) = (clamp_at(t), clamp_at(t + DT));
-        stage.rest(DT, &[hair.clamp(&from, &to)]);
+        let t = TWIST_DT * step as f64;
+        let (from, to) = (clamp_at(t), clamp_at(t + TWIST_DT));
+        stage.rest(TWIST_DT, &[hair.clamp(&from, &to)]);
         let now = stage.positions();
         figures.largest_strain = figures.largest_strain.max(largest_strain(&now, &rest, hair.n_particles));
         figures.passes += stage.passes_since(&before);
         before = now;
-        if (step + 1) % 20 == 0 {
+        if (step + 1) % 100 == 0 {
             let off_axis_cm = off_axis(&before, &Vector3::x());
             figures.samples.push(TwistSample { turns: to.turns, off_axis_cm, writhe: writhe(&before) });
         }
-        if (step + 1) % n_steps.div_ceil(PICTURES) == 0 || step + 1 == n_steps {
+        if (step + 1).is_multiple_of(n_steps.div_ceil(PICTURES)) || step + 1 == n_steps {
             stage.shoot();
         }
     }
     figures.largest_turn = largest_turn(&before);
     Ok((figures, stage.into_film()))
+}
+
+/// When a twisted hair would leave the straight line by itself, beside rod theory.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct CriticalTwist {
+    /// Push of the ends on each other without twist, dyn.
+    pub push_dyn: f64,
+    /// The same of an Euler column of the network's EI, clamped at both ends: 4π²EI/L².
+    pub euler_dyn: f64,
+    /// Turns at which the push becomes a pull.
+    pub turns: f64,
+    /// Turns at which a clamped rod of the network's EI and GJ buckles under twist alone: 8.9868 EI/GJ.
+    pub rod_turns: f64,
+}
+
+/// Turns one end of a nearly straight hair until its ends no longer push each other apart.
+///
+/// A hair whose end may slide is straight as long as it pushes that end out, and gives way when it pulls it in. Here the
+/// ends are held `slack` of its length nearer than it is long, so that it is bent by next to nothing, and the force on them
+/// is read; where it changes sign is the critical twist. Turned faster than about a tenth of a turn a second the hair swings
+/// and pulls too early.
+///
+/// # Errors
+/// A hair that cannot be simulated.
+pub fn critical_twist(hair: &ClampedHair, slack: f64, turns_per_s: f64) -> Result<CriticalTwist, Error> {
+    const SLACKEN_S: f64 = 1.0;
+    /// Turns given up after; about twice what a rod of round section takes.
+    const MOST_TURNS: f64 = 4.0;
+    let mut stage = hair.stage()?;
+    // Hardly bent, it cannot meet itself.
+    stage.interaction = None;
+    let rod = hair.stiffness()?;
+    let n_slacken = (2.0 * SLACKEN_S / PUSH_DT).round() as usize;
+    let n_twist = (MOST_TURNS / turns_per_s.abs() / PUSH_DT).round() as usize;
+    let clamp_at = |t: f64| Clamp {
+        inwards_cm: slack * hair.length_cm * ease(t, SLACKEN_S),
+        // A hair's breadth, so that a straight hair knows where to.
+        aside_cm: 0.01,
+        turns: turns_per_s * (t - 2.0 * SLACKEN_S).max(0.0),
+    };
+    let free_cm = hair.length_cm - 2.0 * hair.spacing_cm();
+    let mut out = CriticalTwist {
+        push_dyn: f64::NAN,
+        euler_dyn: TAU * TAU * rod.mean_bend() / (free_cm * free_cm),
+        turns: f64::NAN,
+        rod_turns: 8.9868 * rod.mean_bend() / rod.twist / TAU,
+    };
+    // Swings are taken out by a mean over a fifth of a second.
+    const N_MEAN: usize = 50;
+    let mut pushes = Vec::with_capacity(n_slacken + n_twist);
+    for step in 0..n_slacken + n_twist {
+        let t = PUSH_DT * step as f64;
+        stage.rest(PUSH_DT, &[hair.clamp(&clamp_at(t), &clamp_at(t + PUSH_DT))]);
+        pushes.push(stage.cut_force(0, hair.n_particles / 2).x);
+        let Some(from) = pushes.len().checked_sub(N_MEAN) else { continue };
+        let mean = pushes[from..].iter().sum::<f64>() / N_MEAN as f64;
+        if step + 1 == n_slacken {
+            out.push_dyn = mean;
+        }
+        if step >= n_slacken + N_MEAN && mean < 0.0 {
+            out.turns = clamp_at(t - 0.5 * PUSH_DT * N_MEAN as f64).turns;
+            break;
+        }
+    }
+    Ok(out)
 }

@@ -108,7 +108,7 @@ pub fn pull_across(
             if !stage.links().links().is_empty() {
                 figures.broke_s = Some(t + DT - SETTLE_S);
             }
-            if (step + 1 - n_settle) % n_pull.div_ceil(PICTURES - 1) == 0 || step + 1 == n_settle + n_pull {
+            if (step + 1 - n_settle).is_multiple_of(n_pull.div_ceil(PICTURES - 1)) || step + 1 == n_settle + n_pull {
                 stage.shoot();
             }
         }

@@ -196,7 +196,7 @@ impl Observer {
             f.links += links.links().len() as f64;
             f.spread_cm += spread(now, self.n);
         }
-        if (step + 1) % n_steps.div_ceil(PICTURES) == 0 || step + 1 == n_steps {
+        if (step + 1).is_multiple_of(n_steps.div_ceil(PICTURES)) || step + 1 == n_steps {
             self.film.frames.push(Frame { time_s: DT * (step + 1) as f64, positions: now.to_vec() });
         }
         self.before.clear();

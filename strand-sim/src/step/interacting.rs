@@ -119,6 +119,7 @@ impl StrandSystem {
             return report;
         }
         workspace.prepare(self);
+        self.free_inverse_masses(input, &mut workspace.inv_mass);
         let n_substeps = count_substeps(self, state, input.dt, params.substeps);
         report.step.substeps = n_substeps as u32;
         self.each_batch(state, &mut workspace.works, |batch, state, work| {
@@ -351,6 +352,15 @@ impl StrandSystem {
         }
     }
 
+    /// As [`Self::inverse_masses`] over a step: particles driven in it are moved by nothing else either.
+    fn free_inverse_masses(&self, input: &StepInput, out: &mut Vec<f64>) {
+        self.inverse_masses(out);
+        for drive in input.drives {
+            let strand = &mut out[drive.strand as usize * self.n_main..][..self.n_main];
+            strand[drive.particles.0..=drive.particles.1].fill(0.0);
+        }
+    }
+
     fn each_batch(
         &self,
         state: &mut StrandState,
@@ -444,7 +454,6 @@ impl InteractionWorkspace {
         }
         self.pulled.resize(sum, Vector3::zeros());
         self.change.resize(sum, Vector3::zeros());
-        system.inverse_masses(&mut self.inv_mass);
     }
 }
 

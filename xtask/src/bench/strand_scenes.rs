@@ -4,7 +4,7 @@ use crate::report::write_beside;
 use anyhow::{Context, Result, ensure};
 use hair_bench::picture::{Camera, HairView, Image, Picture, contact_sheet, render};
 use hair_bench::strand_scenes::basic::BasicParams;
-use hair_bench::strand_scenes::buckling::{ClampedHair, push_into_loop, twist};
+use hair_bench::strand_scenes::buckling::{ClampedHair, critical_twist, push_into_loop, twist};
 use hair_bench::strand_scenes::crossing::pull_across;
 use hair_bench::strand_scenes::curls::{Curl, drop_curls, hang_wavy, stretch_and_release};
 use hair_bench::strand_scenes::tuft::{Tuft, TuftModel, shake};
@@ -89,7 +89,11 @@ fn run_loop() -> Result<Vec<Shown>> {
 
 fn run_twist() -> Result<Vec<Shown>> {
     let hair = ClampedHair { n_particles: 81, ..ClampedHair::standard() };
-    Ok(vec![shown("ends 30 % nearer", twist(&hair, 0.3, 8.0, 1.0, true)?)?])
+    let critical = critical_twist(&hair, 0.005, 0.1)?;
+    Ok(vec![
+        shown("ends 0.5 % nearer", (critical, Film::new(hair.n_particles)))?,
+        shown("ends 40 % nearer", twist(&hair, 0.4, 3.4, 1.0, true)?)?,
+    ])
 }
 
 fn run_crossing() -> Result<Vec<Shown>> {
@@ -98,7 +102,7 @@ fn run_crossing() -> Result<Vec<Shown>> {
 }
 
 fn run_stretch() -> Result<Vec<Shown>> {
-    Ok(vec![shown("pulled to 1.6 times", stretch_and_release(&Curl::standard(), Material::wavy(), 1.6)?)?])
+    Ok(vec![shown("pulled to 1.6 times", stretch_and_release(&Curl::standard(), Material::curly(), 1.6)?)?])
 }
 
 fn run_drop() -> Result<Vec<Shown>> {
@@ -106,7 +110,7 @@ fn run_drop() -> Result<Vec<Shown>> {
 }
 
 fn run_waviness() -> Result<Vec<Shown>> {
-    Ok(vec![shown("straight, wavy, evenly wavy, curly", hang_wavy(Material::wavy())?)?])
+    Ok(vec![shown("straight, wavy, evenly wavy, curly", hang_wavy(Material::curly())?)?])
 }
 
 fn run_tuft() -> Result<Vec<Shown>> {
@@ -151,7 +155,7 @@ fn draw(path: &Path, runs: &[Shown], width_cm: f32, turn: f32) -> Result<()> {
     let camera = Camera::around(middle.cast::<f32>().into(), distance, turn, SIZE, SIZE);
     let columns = runs.iter().map(|r| r.film.frames.len()).max().unwrap_or(1);
     let mut images: Vec<Image> = Vec::new();
-    for run in runs {
+    for run in runs.iter().filter(|r| !r.film.frames.is_empty()) {
         for frame in &run.film.frames {
             let points: Vec<[f32; 3]> = frame.positions.iter().map(|p: &Vector3<f64>| p.cast::<f32>().into()).collect();
             let mut picture = Picture::new(Camera { vertical_fov: FIELD_OF_VIEW, ..camera });
