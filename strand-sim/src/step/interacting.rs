@@ -186,6 +186,8 @@ impl StrandSystem {
             report.repulsion = repel(&strands, near, links, &interaction.repulsion, span.h, &mut w.velocity);
             w.next.clear();
             w.next.extend(w.velocity.iter().zip(&w.position).map(|(v, x)| x + v * span.h));
+            // Repulsion in a clump stretches hair again.
+            self.limit_flat(params.strain_limit, &w.inv_mass, &mut w.next);
             if let Some(params) = &interaction.collision {
                 if two {
                     // With a second solve only what collisions change reaches the velocity.
@@ -359,6 +361,21 @@ impl StrandSystem {
             let strand = &mut out[drive.strand as usize * self.n_main..][..self.n_main];
             strand[drive.particles.0..=drive.particles.1].fill(0.0);
         }
+    }
+
+    /// Strain limiting (MS08 §4.2) of the hair's own particles, strand-major.
+    fn limit_flat(&self, limit: f64, inv_mass: &[f64], position: &mut [Vector3<f64>]) {
+        let strands = position.par_chunks_mut(self.n_main).zip(inv_mass.par_chunks(self.n_main));
+        strands.enumerate().for_each(|(strand, (x, inv_mass))| {
+            let (batch, lane) = self.place[strand];
+            let length = &self.batches[batch as usize].segment_length;
+            for i in (1..self.n_main).filter(|&i| inv_mass[i] > 0.0) {
+                let (e, longest) = (x[i] - x[i - 1], (1.0 + limit) * length[i - 1][lane as usize]);
+                if e.norm() > longest {
+                    x[i] = x[i - 1] + e * (longest / e.norm());
+                }
+            }
+        });
     }
 
     fn each_batch(
