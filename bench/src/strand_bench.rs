@@ -10,7 +10,7 @@ use collision::{MovingSolid, Solid, SolidPose};
 use cpu_time::ProcessTime;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use std::time::{Duration, Instant};
-use strand_sim::interaction::LinkSet;
+use strand_sim::interaction::{CollideParams, LinkSet};
 use strand_sim::reference::PlainStrand;
 use strand_sim::solve::jacobi_cg::{JacobiWorkspace, solve_jacobi};
 use strand_sim::wind::{GustyWind, WindField};
@@ -284,7 +284,9 @@ pub fn table_row(name: &'static str, strands: usize, n_frames: usize) -> Result<
     let mut head = Head::new(shape, strands, particles, length)?;
     let wind = wind.then_some(GustyWind { mean: Vector3::new(300.0, 0.0, 100.0), gust: 150.0, wavelength_cm: 30.0 });
     let params = StepParams { substeps: Substeps::Fixed(1), ..StepParams::standard() };
-    let interaction = InteractionParams::dry();
+    // A head of packed hair leaves crossings whatever the number of sweeps (MS08 §7); more than these gain little.
+    let collision = Some(CollideParams { sweeps: 1, sticky_sweeps: 1, ..CollideParams::standard() });
+    let interaction = InteractionParams { collision, ..InteractionParams::dry() };
     let (mut links, mut workspace) = (LinkSet::default(), InteractionWorkspace::default());
     let dt = 1.0 / (24.0 * STEPS_PER_FRAME as f64);
     let mut row = TableRow {

@@ -23,7 +23,7 @@ type Part = (&'static str, fn() -> Result<Vec<Row>, hair_bench::Error>);
 const PARTS: [Part; 4] = [("full", full_head), ("solvers", solvers), ("guides", guides), ("scaling", scaling)];
 
 /// Frames timed of each row of MS08 Table 2.
-const FRAMES: usize = 2;
+const FRAMES: usize = 1;
 
 /// Runs the command.
 pub fn run(args: Args) -> Result<()> {
