@@ -1,5 +1,6 @@
 //! What AS16 and MS08 promise, on small scenes.
 
+mod mechanics;
 mod real_solids;
 mod runtime;
 mod strands;

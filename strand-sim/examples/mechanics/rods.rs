@@ -6,7 +6,8 @@
 //! so that their length counts from there; [`Clamp::AtRoot`] shows what it costs not to. Units: cm, g, s, dyn.
 
 use nalgebra::{Isometry3, Vector3};
-use strand_sim::stiffness::{SpringConstants, curly_stiffness};
+use strand_sim::reference::PlainStrand;
+use strand_sim::stiffness::{SpringConstants, calibrate_straight, curly_stiffness};
 use strand_sim::{Drive, Error, Material, Scheme, StepInput, StepParams, StepWorkspace, StrandState};
 use strand_sim::{StrandSystem, Substeps};
 
@@ -201,6 +202,7 @@ pub fn released(length: f64, n: usize, dt: f64, scheme: Scheme, interval: f64, c
 pub struct Twisted {
     rod: Rod,
     n: usize,
+    length: f64,
     angle: f64,
     slide: f64,
 }
@@ -214,8 +216,18 @@ impl Twisted {
         let h = length / (n as f64 - 2.0);
         let points: Vec<_> = (0..n).map(|i| Vector3::z() * (h * (i as f64 - 0.5))).collect();
         // Thick air: what grows and what dies does so without swinging.
-        let material = Material { air_drag_per_s: 60.0, ..material(Springs::Calibrated, h)? };
-        Ok(Self { rod: Rod::new(&points, material, 0.0, Scheme::BackwardEuler)?, n, angle: 0.0, slide: 0.0 })
+        let constants = calibrate_straight(EI, GJ, h, EA, NO_ALTITUDE)?;
+        let material = Material { air_drag_per_s: 60.0, ..undamped(constants.material(h, &Material::straight())) };
+        Ok(Self { rod: Rod::new(&points, material, 0.0, Scheme::BackwardEuler)?, n, length, angle: 0.0, slide: 0.0 })
+    }
+
+    /// Force along z of the springs on the driven end: negative where the rod pulls it in.
+    fn axial_dyn(&self) -> f64 {
+        let strand = PlainStrand::of(&self.rod.system, &self.rod.state, 0);
+        let impulse = strand.right_side(1.0, Vector3::zeros());
+        let (mass, velocity) = (strand.masses(), strand.velocities());
+        // Two particles and the perturbed one between them.
+        (impulse.len() - 3..impulse.len()).map(|p| impulse[p].z - mass[p] * velocity[p].z).sum()
     }
 
     fn pose(&self) -> Isometry3<f64> {
@@ -226,14 +238,9 @@ impl Twisted {
     fn step(&mut self, angle: f64, side_dyn: f64) {
         let mut forces = vec![Vector3::zeros(); self.n];
         forces[self.n / 2] = Vector3::x() * side_dyn;
-        // A driven end cannot slide: let go for a moment, a copy of it shows where it wants to.
-        let held = self.rod.state.clone();
-        let before = self.rod.tip().z;
-        self.rod.step(0.1 * Self::DT, &forces, &[]);
-        let wanted = self.rod.tip().z - before;
-        self.rod.state = held;
         let from = self.pose();
-        self.slide += wanted;
+        // A driven end cannot slide by itself: it is moved by what would take a third of its axial force away.
+        self.slide += self.axial_dyn() * self.length / (3.0 * EA);
         self.angle = angle;
         let drive = [Drive { strand: 0, particles: (self.n - 2, self.n - 1), before: from, after: self.pose() }];
         self.rod.step(Self::DT, &forces, &drive);
@@ -261,6 +268,9 @@ impl Twisted {
         -self.slide
     }
 }
+
+/// Altitude springs over bending springs where there are to be none: their axial force is not read. A straight rig needs none.
+const NO_ALTITUDE: f64 = 1e-9;
 
 /// A turn about z. Beyond half a turn a pose alone does not say how it came there; steps do.
 fn turned(angle: f64) -> Isometry3<f64> {
@@ -296,12 +306,15 @@ pub fn critical_twist(length: f64, n: usize) -> Result<f64, Error> {
 /// The coil of the fixtures: radius, pitch (cm) and turns.
 const COIL: (f64, f64, f64) = (0.5, 0.6, 6.0);
 
+/// Altitude springs over torsion springs in a curly rig: it takes about five for positive constants to have both EI and GJ.
+const ALTITUDE_PER_TWIST_OF_CURLS: f64 = 10.0;
+
 /// How a coil's springs are found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CoilSprings {
     /// As a straight rod of the spacing.
     AsStraight,
-    /// Bend and torsion springs such that the curly rig has EI against turn and GJ against twist; altitude springs as given.
+    /// Such that the curly rig has EI against turn and GJ against twist; altitude springs carry the twist.
     AsCurl,
     /// EI and GJ taken for the constants at 1 cm.
     Naive,
@@ -346,7 +359,7 @@ impl Coil {
             CoilSprings::AsStraight => material(Springs::Calibrated, self.h).ok(),
             CoilSprings::Naive => material(Springs::Naive, self.h).ok(),
             CoilSprings::AsCurl => {
-                let constants = self.curl_constants(strand_sim::ALTITUDE_PER_TWIST)?;
+                let constants = self.curl_constants(ALTITUDE_PER_TWIST_OF_CURLS)?;
                 Some(undamped(constants.material(self.h, &Material::straight())))
             }
         }
