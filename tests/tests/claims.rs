@@ -3,5 +3,6 @@
 mod mechanics;
 mod real_solids;
 mod runtime;
+mod stability;
 mod strands;
 mod strands_in_contact;

@@ -5,7 +5,7 @@
 //! free hinge, and a hinge stands for the curvature from half a segment before it to half a segment after. Rods are laid out
 //! so that their length counts from there; [`Clamp::AtRoot`] shows what it costs not to. Units: cm, g, s, dyn.
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Vector2, Vector3};
 use strand_sim::reference::PlainStrand;
 use strand_sim::stiffness::{SpringConstants, calibrate_straight, curly_stiffness};
 use strand_sim::{Drive, Error, Material, Scheme, StepInput, StepParams, StepWorkspace, StrandState};
@@ -184,7 +184,14 @@ pub fn small_swing(length: f64, n: usize, dt: f64, scheme: Scheme) -> Result<[f6
 }
 
 /// Tip (x, z) every `interval` seconds of a rod let go level.
-pub fn released(length: f64, n: usize, dt: f64, scheme: Scheme, interval: f64, count: usize) -> Result<Vec<[f64; 2]>, Error> {
+pub fn released(
+    length: f64,
+    n: usize,
+    dt: f64,
+    scheme: Scheme,
+    interval: f64,
+    count: usize,
+) -> Result<Vec<[f64; 2]>, Error> {
     let (points, h) = straight_rod(length, n, Vector3::x(), Clamp::MidSegment);
     let mut rod = Rod::new(&points, material(Springs::Calibrated, h)?, GRAVITY, scheme)?;
     let per_sample = (interval / dt).round() as usize;
@@ -203,11 +210,15 @@ pub struct Twisted {
     rod: Rod,
     n: usize,
     length: f64,
+    /// Force along z on the driven end at the last step, dyn.
+    pub axial_dyn: f64,
     angle: f64,
     slide: f64,
 }
 
 impl Twisted {
+    /// Stretch stiffness, dyn: softer than the other rods', so that the end soon finds where to slide. Stretch is still 2e-4.
+    const EA: f64 = 1e4;
     /// Step, s.
     const DT: f64 = 1e-3;
 
@@ -216,13 +227,20 @@ impl Twisted {
         let h = length / (n as f64 - 2.0);
         let points: Vec<_> = (0..n).map(|i| Vector3::z() * (h * (i as f64 - 0.5))).collect();
         // Thick air: what grows and what dies does so without swinging.
-        let constants = calibrate_straight(EI, GJ, h, EA, NO_ALTITUDE)?;
+        let constants = calibrate_straight(EI, GJ, h, Self::EA, NO_ALTITUDE)?;
         let material = Material { air_drag_per_s: 60.0, ..undamped(constants.material(h, &Material::straight())) };
-        Ok(Self { rod: Rod::new(&points, material, 0.0, Scheme::BackwardEuler)?, n, length, angle: 0.0, slide: 0.0 })
+        Ok(Self {
+            rod: Rod::new(&points, material, 0.0, Scheme::BackwardEuler)?,
+            n,
+            length,
+            axial_dyn: 0.0,
+            angle: 0.0,
+            slide: 0.0,
+        })
     }
 
     /// Force along z of the springs on the driven end: negative where the rod pulls it in.
-    fn axial_dyn(&self) -> f64 {
+    fn read_axial(&self) -> f64 {
         let strand = PlainStrand::of(&self.rod.system, &self.rod.state, 0);
         let impulse = strand.right_side(1.0, Vector3::zeros());
         let (mass, velocity) = (strand.masses(), strand.velocities());
@@ -239,28 +257,26 @@ impl Twisted {
         let mut forces = vec![Vector3::zeros(); self.n];
         forces[self.n / 2] = Vector3::x() * side_dyn;
         let from = self.pose();
-        // A driven end cannot slide by itself: it is moved by what would take a third of its axial force away.
-        self.slide += self.axial_dyn() * self.length / (3.0 * EA);
+        // A driven end cannot slide by itself: it is moved by what takes its axial force away. A rod pushed gives by bowing,
+        // far more than it shortens when pulled.
+        self.axial_dyn = self.read_axial();
+        let compliance = self.length / Self::EA * if self.axial_dyn > 0.0 { 10.0 } else { 1.0 };
+        self.slide += self.axial_dyn * compliance;
         self.angle = angle;
         let drive = [Drive { strand: 0, particles: (self.n - 2, self.n - 1), before: from, after: self.pose() }];
         self.rod.step(Self::DT, &forces, &drive);
     }
 
-    /// Turns the end to `angle` at 20 rad/s and holds it for `hold_s`; the distance of the middle from the axis, cm.
-    pub fn hold(&mut self, angle: f64, hold_s: f64, side_dyn: f64) -> f64 {
-        let per_step = 20.0 * Self::DT;
+    /// Turns the end to `angle` at 4 rad/s and holds it for `hold_s`; where the middle is then, across the axis, cm.
+    pub fn hold(&mut self, angle: f64, hold_s: f64, side_dyn: f64) -> Vector2<f64> {
+        let per_step = 4.0 * Self::DT;
         while self.angle < angle {
             self.step((self.angle + per_step).min(angle), side_dyn);
         }
         for _ in 0..(hold_s / Self::DT) as usize {
             self.step(angle, side_dyn);
         }
-        self.aside()
-    }
-
-    /// Distance of the middle from the axis, cm.
-    pub fn aside(&self) -> f64 {
-        self.rod.system.positions(&self.rod.state)[self.n / 2].xy().norm()
+        self.rod.system.positions(&self.rod.state)[self.n / 2].xy()
     }
 
     /// How far the end has slid inwards, cm.
@@ -279,11 +295,18 @@ fn turned(angle: f64) -> Isometry3<f64> {
 
 /// Twist of the straight rod at which its side stiffness vanishes: side stiffness at twists below, a parabola to zero.
 pub fn critical_twist(length: f64, n: usize) -> Result<f64, Error> {
-    const SIDE_DYN: f64 = 1e-4;
+    const SIDE_DYN: f64 = 1e-3;
+    const HOLD_S: f64 = 2.0;
     let theory = 8.986_82 * EI / GJ;
     let angles = [0.8, 0.88, 0.95].map(|f| f * theory);
     let mut rod = Twisted::new(length, n)?;
-    let stiffness = angles.map(|angle| SIDE_DYN / rod.hold(angle, 1.5, SIDE_DYN));
+    // Twist alone bows a network a little: what counts is the difference that a force makes.
+    let stiffness = angles.map(|angle| {
+        let there = rod.hold(angle, HOLD_S, SIDE_DYN);
+        let back = rod.hold(angle, HOLD_S, -SIDE_DYN);
+        println!("{angle} {there:?} {back:?} {} {}", rod.axial_dyn, rod.shortening());
+        2.0 * SIDE_DYN / (there - back).norm()
+    });
     // Newton's divided differences, then its zero by secants from the last two angles.
     let d01 = (stiffness[1] - stiffness[0]) / (angles[1] - angles[0]);
     let d12 = (stiffness[2] - stiffness[1]) / (angles[2] - angles[1]);
@@ -369,7 +392,12 @@ impl Coil {
     pub fn curl_constants(&self, altitude_per_twist: f64) -> Option<SpringConstants> {
         let of = |bend_dyn: f64, twist_dyn: f64| {
             let altitude_dyn = altitude_per_twist * twist_dyn;
-            curly_stiffness(self.h, self.turn, self.twist, &SpringConstants { edge_dyn: EA, bend_dyn, twist_dyn, altitude_dyn })
+            curly_stiffness(
+                self.h,
+                self.turn,
+                self.twist,
+                &SpringConstants { edge_dyn: EA, bend_dyn, twist_dyn, altitude_dyn },
+            )
         };
         // Linear in the constants.
         let (b, t) = (of(1.0, 0.0), of(0.0, 1.0));

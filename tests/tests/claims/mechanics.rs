@@ -111,8 +111,7 @@ fn a_rod_let_go_level_follows_the_cosserat_rod() {
     let samples = 21;
     for (n, bound) in BOUNDS {
         let ours = rods::released(SWING_CM, n, 1e-4, Scheme::BackwardEuler, 0.005, samples).unwrap();
-        let off =
-            ours.iter().zip(&reference).map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])).fold(0.0, f64::max);
+        let off = ours.iter().zip(&reference).map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])).fold(0.0, f64::max);
         assert!(off < bound, "{n} particles: {off} cm");
     }
     assert!(reference[..samples].iter().any(|tip| tip[1] < -1.0), "the rod was to fall");
@@ -161,6 +160,9 @@ fn a_curly_rig_resists_twist_by_altitude_springs() {
         let stiffness = strand_sim::stiffness::curly_stiffness(coil.h, coil.turn, coil.twist, &found);
         /// Round-off of two linear equations whose coefficients come from differences of 1e-5 rad.
         const DIFFERENCE_ERROR: f64 = 1e-6;
-        assert!((stiffness.bend / EI - 1.0).abs() < DIFFERENCE_ERROR && (stiffness.twist / GJ - 1.0).abs() < DIFFERENCE_ERROR);
+        assert!(
+            (stiffness.bend / EI - 1.0).abs() < DIFFERENCE_ERROR
+                && (stiffness.twist / GJ - 1.0).abs() < DIFFERENCE_ERROR
+        );
     }
 }
