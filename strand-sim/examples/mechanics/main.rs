@@ -78,11 +78,12 @@ fn swing() -> Result<(), Box<dyn std::error::Error>> {
 }
 
 fn twist() -> Result<(), Box<dyn std::error::Error>> {
-    println!("twist: particles,critical_angle,error");
-    let theory = 8.986_82 * EI / GJ;
-    for n in [22, 42, 82] {
-        let found = rods::critical_twist(10.0, n)?;
-        println!("{n},{found:.4},{:.3e}", found / theory - 1.0);
+    println!("twist: particles,sense,critical_angle,error,bow_at_0.8_of_it_cm");
+    for n in [42, 82] {
+        for sense in [1.0, -1.0] {
+            let [found, aside] = rods::critical_twist(10.0, n, sense)?;
+            println!("{n},{sense},{found:.4},{:.3e},{aside:.3}", found / rods::greenhill() - 1.0);
+        }
     }
     Ok(())
 }

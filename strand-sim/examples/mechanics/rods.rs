@@ -210,6 +210,7 @@ pub struct Twisted {
     rod: Rod,
     n: usize,
     length: f64,
+    sense: f64,
     /// Force along z on the driven end at the last step, dyn.
     pub axial_dyn: f64,
     angle: f64,
@@ -218,11 +219,12 @@ pub struct Twisted {
 
 impl Twisted {
     /// Stretch stiffness, dyn: softer than the other rods', so that the end soon finds where to slide. Stretch is still 2e-4.
-    const EA: f64 = 1e4;
+    const EA: f64 = 2e4;
     /// Step, s.
     const DT: f64 = 1e-3;
 
-    pub fn new(length: f64, n: usize) -> Result<Self, Error> {
+    /// `sense` is 1 or -1.
+    pub fn new(length: f64, n: usize, sense: f64) -> Result<Self, Error> {
         // Both clamps stand in the middle of a segment.
         let h = length / (n as f64 - 2.0);
         let points: Vec<_> = (0..n).map(|i| Vector3::z() * (h * (i as f64 - 0.5))).collect();
@@ -234,6 +236,7 @@ impl Twisted {
             n,
             length,
             axial_dyn: 0.0,
+            sense,
             angle: 0.0,
             slide: 0.0,
         })
@@ -249,7 +252,7 @@ impl Twisted {
     }
 
     fn pose(&self) -> Isometry3<f64> {
-        Isometry3::new(Vector3::z() * self.slide, Vector3::zeros()) * turned(self.angle)
+        Isometry3::new(Vector3::z() * self.slide, Vector3::zeros()) * turned(self.sense * self.angle)
     }
 
     /// One step with the end turned to `angle`, under a side force at the middle; the end slides to where nothing pulls it.
@@ -260,7 +263,7 @@ impl Twisted {
         // A driven end cannot slide by itself: it is moved by what takes its axial force away. A rod pushed gives by bowing,
         // far more than it shortens when pulled.
         self.axial_dyn = self.read_axial();
-        let compliance = self.length / Self::EA * if self.axial_dyn > 0.0 { 10.0 } else { 1.0 };
+        let compliance = self.length / Self::EA * if self.axial_dyn > 0.0 { 2.0 } else { 0.3 };
         self.slide += self.axial_dyn * compliance;
         self.angle = angle;
         let drive = [Drive { strand: 0, particles: (self.n - 2, self.n - 1), before: from, after: self.pose() }];
@@ -278,11 +281,6 @@ impl Twisted {
         }
         self.rod.system.positions(&self.rod.state)[self.n / 2].xy()
     }
-
-    /// How far the end has slid inwards, cm.
-    pub fn shortening(&self) -> f64 {
-        -self.slide
-    }
 }
 
 /// Altitude springs over bending springs where there are to be none: their axial force is not read. A straight rig needs none.
@@ -293,37 +291,36 @@ fn turned(angle: f64) -> Isometry3<f64> {
     Isometry3::rotation(Vector3::z() * angle)
 }
 
-/// Twist of the straight rod at which its side stiffness vanishes: side stiffness at twists below, a parabola to zero.
-pub fn critical_twist(length: f64, n: usize) -> Result<f64, Error> {
+/// Critical twist that theory gives two clamped ends, of which one slides (Greenhill), radians.
+pub fn greenhill() -> f64 {
+    8.986_82 * EI / GJ
+}
+
+/// Twist of the straight rod at which its side stiffness vanishes, and how far off the axis the middle was at the last twist
+/// it was read at: stiffness at half to four fifths of theory's twist, even in it, carried on to zero. `sense` is 1 or -1:
+/// perturbed particles wind one way, so a network is not its mirror image.
+pub fn critical_twist(length: f64, n: usize, sense: f64) -> Result<[f64; 2], Error> {
     const SIDE_DYN: f64 = 1e-3;
     const HOLD_S: f64 = 2.0;
-    let theory = 8.986_82 * EI / GJ;
-    let angles = [0.8, 0.88, 0.95].map(|f| f * theory);
-    let mut rod = Twisted::new(length, n)?;
+    let mut rod = Twisted::new(length, n, sense)?;
+    let mut aside = 0.0;
+    let squares = [0.5_f64, 0.65, 0.8].map(|f| f * f);
     // Twist alone bows a network a little: what counts is the difference that a force makes.
-    let stiffness = angles.map(|angle| {
+    let stiffness = squares.map(|square| {
+        let angle = square.sqrt() * greenhill();
         let there = rod.hold(angle, HOLD_S, SIDE_DYN);
         let back = rod.hold(angle, HOLD_S, -SIDE_DYN);
-        println!("{angle} {there:?} {back:?} {} {}", rod.axial_dyn, rod.shortening());
+        aside = there.norm();
         2.0 * SIDE_DYN / (there - back).norm()
     });
-    // Newton's divided differences, then its zero by secants from the last two angles.
-    let d01 = (stiffness[1] - stiffness[0]) / (angles[1] - angles[0]);
-    let d12 = (stiffness[2] - stiffness[1]) / (angles[2] - angles[1]);
-    let second = (d12 - d01) / (angles[2] - angles[0]);
-    let at = |x: f64| stiffness[2] + (x - angles[2]) * (d12 + second * (x - angles[1]));
-    let (mut a, mut b) = (angles[1], angles[2]);
-    for _ in 0..50 {
-        let slope = (at(b) - at(a)) / (b - a);
-        if slope == 0.0 || !slope.is_finite() {
-            break;
-        }
-        (a, b) = (b, b - at(b) / slope);
-        if (b - a).abs() < 1e-12 {
-            break;
-        }
-    }
-    Ok(b)
+    // A parabola by divided differences, and its zero by Newton's method.
+    let d01 = (stiffness[1] - stiffness[0]) / (squares[1] - squares[0]);
+    let d12 = (stiffness[2] - stiffness[1]) / (squares[2] - squares[1]);
+    let second = (d12 - d01) / (squares[2] - squares[0]);
+    let at = |x: f64| stiffness[2] + (x - squares[2]) * (d12 + second * (x - squares[1]));
+    let slope = |x: f64| d12 + second * (2.0 * x - squares[1] - squares[2]);
+    let zero = (0..30).fold(1.0, |x, _| x - at(x) / slope(x));
+    Ok([zero.sqrt() * greenhill(), aside])
 }
 
 /// The coil of the fixtures: radius, pitch (cm) and turns.

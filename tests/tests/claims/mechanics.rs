@@ -117,6 +117,24 @@ fn a_rod_let_go_level_follows_the_cosserat_rod() {
     assert!(reference[..samples].iter().any(|tip| tip[1] < -1.0), "the rod was to fall");
 }
 
+#[test]
+fn twist_with_and_against_the_rigs_winding_loses_stability_on_either_side_of_theory() {
+    /// A known defect: perturbed particles wind one way. With 82 particles measured 17.6 % late and 10.1 % early.
+    const LATE: std::ops::Range<f64> = 0.12..0.20;
+    const EARLY: std::ops::Range<f64> = -0.13..-0.07;
+    /// What is left of it in the mean of both: measured 3.8 %.
+    const MEAN: f64 = 0.05;
+    let [late, early] =
+        [1.0, -1.0].map(|sense| rods::critical_twist(10.0, 82, sense).unwrap()[0] / rods::greenhill() - 1.0);
+    assert!(LATE.contains(&late) && EARLY.contains(&early), "{late}, {early}");
+    assert!((0.5 * (late + early)).abs() < MEAN);
+    let fixture = fixture("twist.json");
+    let of_rods = fixture["held"]["critical_angle_n120"].as_f64().unwrap();
+    /// A Cosserat rod of 120 elements agrees with theory to 3.9e-5.
+    const COSSERAT: f64 = 1e-4;
+    assert!((of_rods / rods::greenhill() - 1.0).abs() < COSSERAT, "{of_rods}");
+}
+
 /// Error of the extension of a coil under each load, as a share, and of its length without load (cm).
 fn coil_errors(case: usize, gravity: f64, per_turn: usize, springs: CoilSprings) -> (f64, f64) {
     let data = fixture("helix.json");
@@ -147,6 +165,20 @@ fn springs_of_a_straight_rod_make_a_coarse_coil_several_times_too_soft() {
     const SOFT: std::ops::Range<f64> = 1.2..1.7;
     let (_, extension) = coil_errors(2, 0.0, 8, CoilSprings::AsStraight);
     assert!(SOFT.contains(&extension), "{extension}");
+}
+
+#[test]
+fn a_coarse_coil_with_springs_of_its_own_stretches_nearly_as_the_kirchhoff_rod() {
+    /// Eleven particles a turn, altitude springs for the twist: measured 11 % too short without gravity. Under its own weight,
+    /// where turns open far, 43 % too long.
+    const WEIGHTLESS_SHARE: f64 = 0.13;
+    const SHARE: f64 = 0.5;
+    /// Sag too far by 0.36 cm of 1.40.
+    const SAG_CM: f64 = 0.42;
+    let (_, extension) = coil_errors(2, 0.0, 11, CoilSprings::AsCurl);
+    assert!(extension < WEIGHTLESS_SHARE, "{extension}");
+    let (sag, extension) = coil_errors(1, GRAVITY, 11, CoilSprings::AsCurl);
+    assert!(sag < SAG_CM && extension < SHARE, "{sag} cm, {extension}");
 }
 
 #[test]
