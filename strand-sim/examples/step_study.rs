@@ -88,25 +88,44 @@ fn rms(a: &[Vec<Vector3<f64>>], b: &[Vec<Vector3<f64>>]) -> f64 {
 }
 
 /// Steps tried for quiet hanging, longest first, s.
-const STEPS_S: [f64; 10] = [1.0 / 24.0, 0.02, 0.01, 0.005, 0.0025, 0.00125, 6e-4, 3e-4, 1.5e-4, 7.5e-5];
+const STEPS_S: [f64; 7] = [1.0 / 24.0, 0.02, 0.01, 0.005, 0.0025, 0.00125, 6e-4];
 
-/// Speed below which a strand that has had ten seconds counts as hanging quietly, cm/s.
+/// Speed below which a strand counts as hanging quietly, cm/s.
 const QUIET_CM_PER_S: f64 = 0.05;
 
-/// Largest RMS speed of any strand (cm/s) after ten seconds of hanging, in air thick enough to end every swing by then.
-fn restless(points: &[Vector3<f64>], n: usize, dt: f64, params: &StepParams) -> f64 {
+/// How long a strand hangs before it is watched for two seconds, s: a slow curl still swings then, but ever less.
+const HANGING_S: f64 = 2.0;
+
+/// Whether strands come to hang quietly, in air that damps any swing: the RMS speed of the last second is below that of the
+/// second before, or below [`QUIET_CM_PER_S`]. A step too long jitters at a level that does not fall.
+fn hangs_quietly(points: &[Vector3<f64>], n: usize, dt: f64, params: &StepParams) -> bool {
+    /// Least fall in a second of what air at 4/s is to damp at least as exp(-t).
+    const FALL: f64 = 0.7;
     let material = Material { air_drag_per_s: 4.0, ..Material::straight() };
     let system = StrandSystem::new(points, n, material).expect("valid strands");
     let mut state = system.rest_state(&Isometry3::identity());
     let mut workspace = StepWorkspace::default();
     let input = StepInput::still(dt, Isometry3::identity());
-    for _ in 0..(10.0 / dt) as usize {
-        system.step(&mut state, &input, params, &mut workspace);
+    let mut before = system.positions(&state);
+    let mut speed_over = |seconds: f64| {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for _ in 0..(seconds / dt).round() as usize {
+            if system.step(&mut state, &input, params, &mut workspace).quarantined > 0 {
+                return f64::INFINITY;
+            }
+            // What moves, not what velocities say: limits on length move particles too.
+            let now = system.positions(&state);
+            sum += now.iter().zip(&before).map(|(a, b)| (a - b).norm_squared()).sum::<f64>() / (dt * dt);
+            count += now.len() as f64;
+            before = now;
+        }
+        f64::sqrt(sum / count)
+    };
+    if speed_over(HANGING_S).is_infinite() {
+        return false;
     }
-    let before = system.positions(&state);
-    system.step(&mut state, &input, params, &mut workspace);
-    let moved = system.positions(&state).iter().zip(&before).map(|(a, b)| (a - b).norm_squared()).sum::<f64>();
-    (moved / before.len() as f64).sqrt() / dt
+    let (earlier, last) = (speed_over(1.0), speed_over(1.0));
+    last < QUIET_CM_PER_S || last < FALL * earlier
 }
 
 /// For each rig, length and candidate the largest step that hangs quietly.
@@ -141,13 +160,8 @@ fn hanging(with: impl Fn(Scheme, bool, f64) -> StepParams) {
                 ("geometric", with(Scheme::BackwardEuler, true, 0.01)),
             ] {
                 // Every shorter step is to be quiet too.
-                let mut largest = f64::NAN;
-                for &dt in STEPS_S.iter().rev().skip_while(|&&dt| dt < 2e-4) {
-                    if restless(&points, n, dt, &params) > QUIET_CM_PER_S {
-                        break;
-                    }
-                    largest = 1e3 * dt;
-                }
+                let quiet = |&&dt: &&f64| hangs_quietly(&points, n, dt, &params);
+                let largest = 1e3 * STEPS_S.iter().rev().take_while(quiet).last().copied().unwrap_or(f64::NAN);
                 let h = length / (n - 1) as f64;
                 let bound = 1e3 * h / (981.0 * length).sqrt();
                 println!("{rig},{length},{n},{name},{largest:.2},{bound:.2}");

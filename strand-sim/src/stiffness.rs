@@ -7,6 +7,7 @@
 
 use crate::altitude::{AltitudeRest, altitude};
 use crate::error::Error;
+use crate::material::{ALTITUDE_PER_TWIST, Material};
 use crate::rig::perturb::rig_particles;
 use crate::rig::{Perturbed, SpringKind, Topology};
 use nalgebra::{DMatrix, DVector, Vector3};
@@ -164,6 +165,37 @@ pub fn calibrate_straight(
         }
     }
     Err(Error::OutOfReach { ei, gj, h_cm })
+}
+
+/// Altitude springs over bending springs in a calibrated material: [`ALTITUDE_PER_TWIST`] at the one twist spring to two bend
+/// springs of AS16 Table 1.
+const ALTITUDE_PER_BEND: f64 = 0.5 * ALTITUDE_PER_TWIST;
+
+impl SpringConstants {
+    /// These springs as a material whose rig of spacing `h_cm` has them; all that is not a spring is as in `rest`.
+    #[must_use]
+    pub fn material(&self, h_cm: f64, rest: &Material) -> Material {
+        // A material is written at 1 cm: the rig divides by h² all but the edges.
+        let at_one_cm = h_cm * h_cm;
+        Material {
+            stretch_dyn: self.edge_dyn,
+            bend_dyn: self.bend_dyn * at_one_cm,
+            twist_dyn: self.twist_dyn * at_one_cm,
+            altitude_dyn: self.altitude_dyn * at_one_cm,
+            ..*rest
+        }
+    }
+}
+
+impl Material {
+    /// Hair whose straight rig of spacing `h_cm` has the bending stiffness `ei` and torsion stiffness `gj` (dyn·cm²), and
+    /// edge springs of `ea` dyn; damping, friction, mass and drag are those of [`Material::straight`].
+    ///
+    /// # Errors
+    /// As [`calibrate_straight`].
+    pub fn of_fibre(ei: f64, gj: f64, ea: f64, h_cm: f64) -> Result<Self, Error> {
+        Ok(calibrate_straight(ei, gj, h_cm, ea, ALTITUDE_PER_BEND)?.material(h_cm, &Self::straight()))
+    }
 }
 
 /// A free straight strand as a linear structure, held where couples at its ends cause no reaction.
@@ -349,6 +381,23 @@ mod tests {
         }
         assert!(matches!(calibrate_straight(10.0, 30.0, 1.0, 3e5, 1.0), Err(Error::OutOfReach { .. })));
         assert!(matches!(calibrate_straight(-1.0, 3.0, 1.0, 3e5, 1.0), Err(Error::BadMaterial { name: "ei", .. })));
+    }
+
+    #[test]
+    fn a_material_of_a_fibre_has_its_stiffness_at_its_spacing() {
+        for h_cm in [0.1, 0.4, 1.0] {
+            let m = Material::of_fibre(2.0, 1.5, 3e5, h_cm).expect("within reach");
+            let constants = SpringConstants {
+                edge_dyn: SpringKind::Edge.constants(&m, h_cm).0,
+                bend_dyn: SpringKind::Bend.constants(&m, h_cm).0,
+                twist_dyn: SpringKind::Torsion.constants(&m, h_cm).0,
+                altitude_dyn: crate::rig::altitude_constants(&m, h_cm).0,
+            };
+            let s = measured(h_cm, &constants);
+            assert!(
+                (s.mean_bend() / 2.0 - 1.0).abs() < 2.0 * CALIBRATED && (s.twist / 1.5 - 1.0).abs() < 2.0 * CALIBRATED
+            );
+        }
     }
 
     #[test]

@@ -1,7 +1,9 @@
 //! What AS16 and MS08 promise, on small scenes.
 
+mod mechanics;
 mod ms08_figures;
 mod real_solids;
 mod runtime;
+mod stability;
 mod strands;
 mod strands_in_contact;

@@ -6,6 +6,7 @@
 //! arrays; perturbed particles follow the two they stand between.
 
 use super::{Span, StepInput, StepParams, StepReport, Work};
+use crate::drive::RootMotion;
 use crate::implicit;
 use crate::interaction::{
     CollideParams, CollisionReport, CollisionWorkspace, LinkReport, LinkSet, LinkSpring, NearPairs, RepulsionParams,
@@ -15,7 +16,7 @@ use crate::lanes::LANES;
 use crate::solve::coupled::{CoupledParams, CoupledWorkspace, NO_UNKNOWN, RankOne, solve_coupled};
 use crate::step_size::count_substeps;
 use crate::system::{Batch, BatchState, StrandState, StrandSystem, get, set};
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
 
@@ -97,6 +98,9 @@ pub struct InteractionWorkspace {
     next: Vec<Vector3<f64>>,
     velocity: Vec<Vector3<f64>>,
     before: Vec<Vector3<f64>>,
+    /// Velocities as seen from the head, before and after collisions.
+    seen: Vec<Vector3<f64>>,
+    seen_before: Vec<Vector3<f64>>,
 }
 
 impl StrandSystem {
@@ -193,10 +197,28 @@ impl StrandSystem {
                     // With a second solve only what collisions change reaches the velocity.
                     w.before.clone_from(&w.velocity);
                 }
+                // Seen from the head, hair moves little, and few pairs need to be looked at.
+                let (from, to) = match &input.roots {
+                    RootMotion::Head { .. } => (input.roots.at(0, span.begin), input.roots.at(0, span.end)),
+                    RootMotion::Frames { .. } => (Isometry3::identity(), Isometry3::identity()),
+                };
+                let carry = |by: &Isometry3<f64>, points: &mut [Vector3<f64>]| {
+                    points.par_iter_mut().for_each(|x| *x = by.transform_point(&Point3::from(*x)).coords);
+                };
+                carry(&from.inverse(), &mut w.position);
+                carry(&to.inverse(), &mut w.next);
+                w.seen.clear();
+                w.seen.extend(w.next.iter().zip(&w.position).map(|(b, a)| (b - a) / span.h));
+                w.seen_before.clone_from(&w.seen);
+                let strands = Strands::new(self.n_main, &w.position, &w.inv_mass);
                 let unresolved = report.collision.unresolved;
-                report.collision =
-                    collide(&strands, &mut w.next, &mut w.velocity, links, params, span.h, &mut w.collision);
+                report.collision = collide(&strands, &mut w.next, &mut w.seen, links, params, span.h, &mut w.collision);
                 report.collision.unresolved += unresolved;
+                carry(&to, &mut w.next);
+                let changes = w.seen.iter().zip(&w.seen_before);
+                for (v, (after, before)) in w.velocity.iter_mut().zip(changes) {
+                    *v += to.rotation * (after - before);
+                }
             } else if two {
                 w.before.clone_from(&w.velocity);
             }
