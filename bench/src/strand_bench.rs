@@ -337,9 +337,9 @@ pub fn table_row(name: &'static str, strands: usize, n_frames: usize) -> Result<
 
 /// The rows of MS08 Table 2 and how many strands each has.
 pub const TABLE_2: [(&str, usize); 5] = [
-    ("curly", 5_000),
+    ("straight long (10k)", 10_000),
+    ("straight long (5k)", 5_000),
     ("straight short", 10_000),
     ("straight short wind", 10_000),
-    ("straight long (5k)", 5_000),
-    ("straight long (10k)", 10_000),
+    ("curly", 5_000),
 ];

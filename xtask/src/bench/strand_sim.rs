@@ -78,11 +78,11 @@ fn table_2(figures: &mut Map<String, Value>) -> Result<()> {
         }));
     }
     let seconds = |k: usize| rows[k]["s_per_frame"].as_f64().unwrap_or(f64::NAN);
-    let ratio = seconds(4) / seconds(3);
+    let ratio = seconds(0) / seconds(1);
     println!("{:<36} {ratio:>10.3} x", "interaction_10k_over_5k");
-    println!("{:<36} {:>10.3} s", "long_10k_x50_s_per_frame", seconds(4));
+    println!("{:<36} {:>10.3} s", "long_10k_x50_s_per_frame", seconds(0));
     figures.insert("interaction_10k_over_5k".to_owned(), json!(ratio));
-    figures.insert("long_10k_x50_s_per_frame".to_owned(), json!(seconds(4)));
+    figures.insert("long_10k_x50_s_per_frame".to_owned(), json!(seconds(0)));
     figures.insert("ms08_table_2".to_owned(), Value::Array(rows));
     Ok(())
 }
