@@ -197,28 +197,18 @@ impl StrandSystem {
                     // With a second solve only what collisions change reaches the velocity.
                     w.before.clone_from(&w.velocity);
                 }
-                // Seen from the head, hair moves little, and few pairs need to be looked at.
-                let (from, to) = match &input.roots {
-                    RootMotion::Head { .. } => (input.roots.at(0, span.begin), input.roots.at(0, span.end)),
-                    RootMotion::Frames { .. } => (Isometry3::identity(), Isometry3::identity()),
-                };
-                let carry = |by: &Isometry3<f64>, points: &mut [Vector3<f64>]| {
-                    points.par_iter_mut().for_each(|x| *x = by.transform_point(&Point3::from(*x)).coords);
-                };
-                carry(&from.inverse(), &mut w.position);
-                carry(&to.inverse(), &mut w.next);
-                w.seen.clear();
-                w.seen.extend(w.next.iter().zip(&w.position).map(|(b, a)| (b - a) / span.h));
-                w.seen_before.clone_from(&w.seen);
-                let strands = Strands::new(self.n_main, &w.position, &w.inv_mass);
                 let unresolved = report.collision.unresolved;
-                report.collision = collide(&strands, &mut w.next, &mut w.seen, links, params, span.h, &mut w.collision);
+                report.collision = match &input.roots {
+                    RootMotion::Head { .. } => {
+                        let poses = [input.roots.at(0, span.begin), input.roots.at(0, span.end)];
+                        collide_as_seen_from(&poses, self.n_main, links, params, span.h, w)
+                    }
+                    RootMotion::Frames { .. } => {
+                        let (next, velocity) = (&mut w.next, &mut w.velocity);
+                        collide(&strands, next, velocity, links, params, span.h, &mut w.collision)
+                    }
+                };
                 report.collision.unresolved += unresolved;
-                carry(&to, &mut w.next);
-                let changes = w.seen.iter().zip(&w.seen_before);
-                for (v, (after, before)) in w.velocity.iter_mut().zip(changes) {
-                    *v += to.rotation * (after - before);
-                }
             } else if two {
                 w.before.clone_from(&w.velocity);
             }
@@ -494,6 +484,32 @@ impl InteractionWorkspace {
         self.pulled.resize(sum, Vector3::zeros());
         self.change.resize(sum, Vector3::zeros());
     }
+}
+
+/// Collisions with the head's motion taken out: hair moves little then, and fewer pairs need to be looked at.
+fn collide_as_seen_from(
+    [before, after]: &[Isometry3<f64>; 2],
+    n_main: usize,
+    links: &LinkSet,
+    params: &CollideParams,
+    h: f64,
+    w: &mut InteractionWorkspace,
+) -> CollisionReport {
+    let carry = |by: &Isometry3<f64>, points: &mut [Vector3<f64>]| {
+        points.par_iter_mut().for_each(|x| *x = by.transform_point(&Point3::from(*x)).coords);
+    };
+    carry(&before.inverse(), &mut w.position);
+    carry(&after.inverse(), &mut w.next);
+    w.seen.clear();
+    w.seen.extend(w.next.iter().zip(&w.position).map(|(b, a)| (b - a) / h));
+    w.seen_before.clone_from(&w.seen);
+    let strands = Strands::new(n_main, &w.position, &w.inv_mass);
+    let report = collide(&strands, &mut w.next, &mut w.seen, links, params, h, &mut w.collision);
+    carry(after, &mut w.next);
+    for (v, (now, then)) in w.velocity.iter_mut().zip(w.seen.iter().zip(&w.seen_before)) {
+        *v += after.rotation * (now - then);
+    }
+    report
 }
 
 /// A vector of unknowns cut at the first one of each batch.
