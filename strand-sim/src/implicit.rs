@@ -6,8 +6,8 @@
 
 use crate::altitude::altitude_lanes;
 use crate::body_contact::Contact;
-use crate::forces::{Implicit, Linearised, linearise, linearise_at};
-use crate::lanes::{LANES, Lane, Lane3, ZERO};
+use crate::forces::{Implicit, linearise, linearise_at};
+use crate::lanes::{self, LANES, Lane, Lane3, ZERO};
 use crate::rig::{ALTITUDE, Spring, Topology};
 use crate::solve::banded::{BandedMatrix, Block};
 use crate::system::Batch;
@@ -63,26 +63,7 @@ pub(crate) fn solve(problem: &Problem, matrix: &mut BandedMatrix, rhs: &mut [Lan
     for step in 0..n_free + reach {
         if step < n_free {
             let p = step + n_kin;
-            matrix.clear_row(step);
-            add_inertia_and_drag(problem, p, matrix.block(step, step), &mut rhs[3 * step..3 * step + 3]);
-            for k in topology.springs_to(p) {
-                let spring = topology.springs[k];
-                let (stiffness, damping) =
-                    (&problem.batch.stiffness[spring.kind as usize], &problem.batch.damping[spring.kind as usize]);
-                let inv_rest = &problem.batch.inv_rest_length[k];
-                let ends = [&problem.start[spring.a], &problem.start[spring.b]];
-                let s = match problem.guess {
-                    None => linearise(ends[0], ends[1], stiffness, inv_rest, damping, problem.h, problem.implicit),
-                    Some(guess) => {
-                        let at = [&guess[spring.a], &guess[spring.b]];
-                        linearise_at(ends, at, stiffness, inv_rest, damping, problem.h, problem.implicit)
-                    }
-                };
-                add_spring(n_kin, spring, &s, problem.h, problem.kinematic, matrix, rhs);
-            }
-            if p >= 3 {
-                add_altitude(problem, p, matrix, rhs);
-            }
+            assemble_row(problem, p, matrix, rhs);
             while let Some((contact, rest)) = contacts.split_first().filter(|(c, _)| c.ends[1] == p) {
                 contact.add_to(n_kin, problem.h, matrix, rhs);
                 contacts = rest;
@@ -110,95 +91,154 @@ pub(crate) fn solve_again(matrix: &BandedMatrix, rhs: &mut [Lane]) {
     matrix.solve(rhs);
 }
 
-#[inline(always)]
-fn add_inertia_and_drag(problem: &Problem, p: usize, block: &mut Block, rhs: &mut [Lane]) {
-    let mass = &problem.batch.mass[p];
-    let (near, far) = problem.topology.around[p];
-    let mut t = [ZERO; 3];
-    for l in 0..LANES {
-        let d: [f64; 3] = std::array::from_fn(|c| problem.start[far][c][l] - problem.start[near][c][l]);
-        let norm2 = d[0].mul_add(d[0], d[1].mul_add(d[1], d[2] * d[2]));
-        let inv = 1.0 / norm2.max(f64::MIN_POSITIVE).sqrt();
-        for c in 0..3 {
-            t[c][l] = d[c] * inv;
-        }
-    }
-    for l in 0..LANES {
-        let across = problem.h * problem.drag_per_s * mass[l];
-        let less_along = (ALONG_OVER_ACROSS - 1.0) * across;
-        for a in 0..3 {
-            for b in 0..=a {
-                block[3 * a + b][l] = less_along * t[a][l] * t[b][l];
-            }
-            block[4 * a][l] += mass[l] + across;
-        }
-    }
-    if problem.air.is_empty() {
-        return;
-    }
-    let air = &problem.air[p];
-    for l in 0..LANES {
-        let across = problem.h * problem.drag_per_s * mass[l];
-        let along = t[0][l].mul_add(air[0][l], t[1][l].mul_add(air[1][l], t[2][l] * air[2][l]));
-        for c in 0..3 {
-            rhs[c][l] += across * ((ALONG_OVER_ACROSS - 1.0) * along).mul_add(t[c][l], air[c][l]);
-        }
-    }
-}
+/// Lower triangle of a symmetric 3×3 block in every lane, entries in the order of [`LOWER`].
+type Symmetric = [Lane; 6];
 
-/// Adds a spring to the matrix and the right side. `velocity` is read for the kinematic particles only.
+/// Row and column of each entry of a [`Symmetric`].
+const LOWER: [(usize, usize); 6] = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)];
+
+/// Entry of a [`Symmetric`] at a row and column.
+const ENTRY: [[usize; 3]; 3] = [[0, 1, 3], [1, 2, 4], [3, 4, 5]];
+
+/// Particles joined by an altitude spring with the one that ends its tetrahedron.
+const BEFORE: usize = 3;
+
+/// Writes block row `p` and adds to those before it whatever ends at particle `p`: its inertia, the springs to it and the
+/// altitude spring of the tetrahedron it is the last corner of. What a spring and that tetrahedron add to one block is
+/// summed first, so that each block is read and written once, and a block that is new is not read at all.
 #[inline(always)]
-fn add_spring(
-    n_kin: usize,
-    spring: Spring,
-    s: &Linearised,
-    h: f64,
-    velocity: &[Lane3],
-    matrix: &mut BandedMatrix,
-    rhs: &mut [Lane],
-) {
-    let b = spring.b - n_kin;
-    // along·ddᵀ + around·I
-    let mut block = [ZERO; 9];
-    for p in 0..3 {
-        for q in 0..3 {
-            for l in 0..LANES {
-                let product = s.along[l] * s.direction[p][l] * s.direction[q][l];
-                block[3 * p + q][l] = if p == q { product + s.around[l] } else { product };
-            }
-        }
+fn assemble_row(problem: &Problem, p: usize, matrix: &mut BandedMatrix, rhs: &mut [Lane]) {
+    let n_kin = problem.topology.n_kinematic;
+    let row = p - n_kin;
+    for apart in BEFORE + 1..=matrix.reach().min(row) {
+        *matrix.block(row, row - apart) = [ZERO; 9];
     }
-    accumulate(matrix.block(b, b), &block, 1.0);
-    for p in 0..3 {
-        for l in 0..LANES {
-            rhs[3 * b + p][l] -= h * s.force[p][l];
+    let mut diagonal = inertia_and_drag(problem, p, &mut rhs[3 * row..3 * row + 3]);
+    // Springs to the corners of the tetrahedron, by corner.
+    let mut to_corner = [[ZERO; 6]; BEFORE];
+    for k in problem.topology.springs_to(p) {
+        let spring = problem.topology.springs[k];
+        let block = spring_block(problem, k, spring, rhs);
+        for e in 0..6 {
+            diagonal[e] = lanes::add(&diagonal[e], &block[e]);
         }
-    }
-    if spring.a < n_kin {
-        // The near end's new velocity is prescribed: its column moves to the right side.
-        for p in 0..3 {
-            for q in 0..3 {
-                for l in 0..LANES {
-                    rhs[3 * b + p][l] = block[3 * p + q][l].mul_add(velocity[spring.a][q][l], rhs[3 * b + p][l]);
+        if spring.a + BEFORE >= p {
+            to_corner[spring.a + BEFORE - p] = block;
+        } else if spring.a >= n_kin {
+            let a = spring.a - n_kin;
+            add_lower(matrix.block(a, a), &block);
+            let across = matrix.block(row, a);
+            for i in 0..3 {
+                for j in 0..3 {
+                    across[3 * i + j] = lanes::sub(&across[3 * i + j], &block[ENTRY[i][j]]);
                 }
             }
         }
-        return;
     }
-    let a = spring.a - n_kin;
-    accumulate(matrix.block(a, a), &block, 1.0);
-    accumulate(matrix.block(b, a), &block, -1.0);
-    for p in 0..3 {
-        for l in 0..LANES {
-            rhs[3 * a + p][l] += h * s.force[p][l];
-        }
+    add_altitude(problem, p, &to_corner, &mut diagonal, matrix, rhs);
+    let block = matrix.block(row, row);
+    for (e, (i, j)) in LOWER.into_iter().enumerate() {
+        block[3 * i + j] = diagonal[e];
     }
 }
 
-/// Adds the altitude spring of the tetrahedron whose last particle is `last` (MS08 §3.2).
+/// Inertia and the drag of still air on one particle, the sole part of the matrix that no spring makes; wind goes into `rhs`.
 #[inline(always)]
-fn add_altitude(problem: &Problem, last: usize, matrix: &mut BandedMatrix, rhs: &mut [Lane]) {
-    let (n_kin, h, first) = (problem.topology.n_kinematic, problem.h, last - 3);
+fn inertia_and_drag(problem: &Problem, p: usize, rhs: &mut [Lane]) -> Symmetric {
+    let mass = &problem.batch.mass[p];
+    let (near, far) = problem.topology.around[p];
+    let (near, far) = (&problem.start[near], &problem.start[far]);
+    let mut t = [ZERO; 3];
+    for c in 0..3 {
+        t[c] = lanes::sub(&far[c], &near[c]);
+    }
+    let norm2 = lanes::dot(&t, &t);
+    let (mut inv, mut across, mut less_along) = (ZERO, ZERO, ZERO);
+    for l in 0..LANES {
+        inv[l] = 1.0 / norm2[l].max(f64::MIN_POSITIVE).sqrt();
+        across[l] = problem.h * problem.drag_per_s * mass[l];
+        less_along[l] = (ALONG_OVER_ACROSS - 1.0) * across[l];
+    }
+    for c in 0..3 {
+        t[c] = lanes::mul(&t[c], &inv);
+    }
+    let mut block = [ZERO; 6];
+    let around = lanes::add(mass, &across);
+    for (e, (i, j)) in LOWER.into_iter().enumerate() {
+        let pushed = lanes::mul(&less_along, &t[i]);
+        block[e] = if i == j { lanes::mul_add(&pushed, &t[j], &around) } else { lanes::mul(&pushed, &t[j]) };
+    }
+    if !problem.air.is_empty() {
+        let air = &problem.air[p];
+        let along = lanes::dot(&t, air);
+        for c in 0..3 {
+            for l in 0..LANES {
+                let dragged = ((ALONG_OVER_ACROSS - 1.0) * along[l]).mul_add(t[c][l], air[c][l]);
+                rhs[c][l] += across[l] * dragged;
+            }
+        }
+    }
+    block
+}
+
+/// Adds the force of spring `k` to the right side and returns what it adds to its two diagonal blocks, and with the
+/// opposite sign to the one between them. A prescribed near end's velocity moves to the right side.
+#[inline(always)]
+fn spring_block(problem: &Problem, k: usize, spring: Spring, rhs: &mut [Lane]) -> Symmetric {
+    let (batch, n_kin, h) = (problem.batch, problem.topology.n_kinematic, problem.h);
+    let (stiffness, damping) = (&batch.stiffness[spring.kind as usize], &batch.damping[spring.kind as usize]);
+    let inv_rest = &batch.inv_rest_length[k];
+    let ends = [&problem.start[spring.a], &problem.start[spring.b]];
+    let s = match problem.guess {
+        None => linearise(ends[0], ends[1], stiffness, inv_rest, damping, h, problem.implicit),
+        Some(guess) => {
+            let at = [&guess[spring.a], &guess[spring.b]];
+            linearise_at(ends, at, stiffness, inv_rest, damping, h, problem.implicit)
+        }
+    };
+    // along·ddᵀ + around·I
+    let mut block = [ZERO; 6];
+    for (e, (i, j)) in LOWER.into_iter().enumerate() {
+        let pushed = lanes::mul(&s.along, &s.direction[i]);
+        block[e] = if i == j {
+            lanes::mul_add(&pushed, &s.direction[j], &s.around)
+        } else {
+            lanes::mul(&pushed, &s.direction[j])
+        };
+    }
+    let step = [h; LANES];
+    let b = 3 * (spring.b - n_kin);
+    for i in 0..3 {
+        rhs[b + i] = lanes::neg_mul_add(&step, &s.force[i], &rhs[b + i]);
+    }
+    if spring.a >= n_kin {
+        let a = 3 * (spring.a - n_kin);
+        for i in 0..3 {
+            rhs[a + i] = lanes::mul_add(&step, &s.force[i], &rhs[a + i]);
+        }
+        return block;
+    }
+    let known = &problem.kinematic[spring.a];
+    for i in 0..3 {
+        for j in 0..3 {
+            rhs[b + i] = lanes::mul_add(&block[ENTRY[i][j]], &known[j], &rhs[b + i]);
+        }
+    }
+    block
+}
+
+/// Adds the altitude spring of the tetrahedron whose last particle is `last` (MS08 §3.2), together with the springs
+/// `to_corner` from its other corners to the last one; what falls on the last one's diagonal block goes to `diagonal`.
+#[inline(always)]
+fn add_altitude(
+    problem: &Problem,
+    last: usize,
+    to_corner: &[Symmetric; BEFORE],
+    diagonal: &mut Symmetric,
+    matrix: &mut BandedMatrix,
+    rhs: &mut [Lane],
+) {
+    let (n_kin, h, first) = (problem.topology.n_kinematic, problem.h, last - BEFORE);
     let corners = |of: &'_ [Lane3]| -> [Lane3; 4] { [of[first], of[first + 1], of[first + 2], of[last]] };
     let start = corners(problem.start);
     let at = problem.guess.map_or(start, corners);
@@ -209,18 +249,14 @@ fn add_altitude(problem: &Problem, last: usize, matrix: &mut BandedMatrix, rhs: 
     let mut length = s.length;
     for c in 0..4 {
         for k in 0..3 {
-            for l in 0..LANES {
-                u[c][k][l] = s.weight[c][l] * s.direction[k][l];
-            }
+            u[c][k] = lanes::mul(&s.weight[c], &s.direction[k]);
         }
     }
     if problem.guess.is_some() {
         length = ZERO;
         for c in 0..4 {
             for k in 0..3 {
-                for l in 0..LANES {
-                    length[l] = u[c][k][l].mul_add(start[c][k][l], length[l]);
-                }
+                length = lanes::mul_add(&u[c][k], &start[c][k], &length);
             }
         }
     }
@@ -232,49 +268,56 @@ fn add_altitude(problem: &Problem, last: usize, matrix: &mut BandedMatrix, rhs: 
         pull[l] = h * k * (length[l] - s.rest_length[l]);
         along[l] = h * (problem.implicit.elastic * h).mul_add(k, b);
     }
+    // A prescribed corner's new velocity pulls the others along.
+    for c in 0..n_kin.saturating_sub(first) {
+        let known = lanes::dot(&u[c], &problem.kinematic[first + c]);
+        pull = lanes::mul_add(&along, &known, &pull);
+    }
     for c in 0..4 {
         if first + c < n_kin {
-            // Its new velocity is prescribed and pulls the others along.
-            for l in 0..LANES {
-                let v = &problem.kinematic[first + c];
-                let known = u[c][0][l].mul_add(v[0][l], u[c][1][l].mul_add(v[1][l], u[c][2][l] * v[2][l]));
-                pull[l] = along[l].mul_add(known, pull[l]);
-            }
             continue;
         }
         let row = first + c - n_kin;
         let mut pushed = [ZERO; 3];
         for k in 0..3 {
-            for l in 0..LANES {
-                pushed[k][l] = along[l] * u[c][k][l];
-            }
+            pushed[k] = lanes::mul(&along, &u[c][k]);
+            rhs[3 * row + k] = lanes::neg_mul_add(&pull, &u[c][k], &rhs[3 * row + k]);
         }
-        for other in n_kin.saturating_sub(first)..=c {
+        for other in 0..c {
+            if first + other < n_kin {
+                continue;
+            }
             let block = matrix.block(row, first + other - n_kin);
-            for p in 0..3 {
-                for q in 0..3 {
-                    for l in 0..LANES {
-                        block[3 * p + q][l] = pushed[p][l].mul_add(u[other][q][l], block[3 * p + q][l]);
-                    }
+            for i in 0..3 {
+                for j in 0..3 {
+                    let e = 3 * i + j;
+                    block[e] = if c == BEFORE {
+                        // First to write here.
+                        let across = &to_corner[other][ENTRY[i][j]];
+                        lanes::mul_sub(&pushed[i], &u[other][j], across)
+                    } else {
+                        lanes::mul_add(&pushed[i], &u[other][j], &block[e])
+                    };
                 }
             }
         }
-    }
-    for c in n_kin.saturating_sub(first)..4 {
-        let row = first + c - n_kin;
-        for k in 0..3 {
-            for l in 0..LANES {
-                rhs[3 * row + k][l] = (-pull[l]).mul_add(u[c][k][l], rhs[3 * row + k][l]);
-            }
+        let mut own = [ZERO; 6];
+        for (e, (i, j)) in LOWER.into_iter().enumerate() {
+            let spring = if c == BEFORE { &diagonal[e] } else { &to_corner[c][e] };
+            own[e] = lanes::mul_add(&pushed[i], &u[c][j], spring);
+        }
+        if c == BEFORE {
+            *diagonal = own;
+        } else {
+            add_lower(matrix.block(row, row), &own);
         }
     }
 }
 
+/// Adds to the lower triangle of a diagonal block, the only part of it that is used.
 #[inline(always)]
-fn accumulate(target: &mut Block, block: &Block, sign: f64) {
-    for e in 0..9 {
-        for l in 0..LANES {
-            target[e][l] = sign.mul_add(block[e][l], target[e][l]);
-        }
+fn add_lower(target: &mut Block, block: &Symmetric) {
+    for (e, (i, j)) in LOWER.into_iter().enumerate() {
+        target[3 * i + j] = lanes::add(&target[3 * i + j], &block[e]);
     }
 }
