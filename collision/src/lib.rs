@@ -45,11 +45,13 @@ mod thickness;
 
 pub use body::{MovingBody, max_displacements};
 pub use clearance::{ribbon_is_free, segment_is_free, strand_ribbon_is_free};
-pub use contact::{SegmentContact, deepest_on_segment};
+pub use contact::{SegmentContact, deepest_between, deepest_on_segment};
 pub use deforming::{DeformingSolid, KeyedMesh, MovingDeformingSolid};
 pub use error::Error;
 pub use friction::friction_velocity;
 pub use penalty::{PenaltyParams, SegmentForce, penalty_force, penalty_on_segment};
-pub use sdf::{BakeParams, Bounds, DeformedField, DistanceField, SignedDistanceField, bake_from_fn, bake_from_mesh};
+pub use sdf::{
+    BakeParams, Bounds, DeformedField, DistanceField, FieldId, SignedDistanceField, bake_from_fn, bake_from_mesh,
+};
 pub use shapes::{Shape, ShapeUnion};
 pub use solid::{MovingSolid, Solid, SolidPose};

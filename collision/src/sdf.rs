@@ -14,4 +14,4 @@ pub(crate) mod shift;
 pub use advect::DeformedField;
 pub use bake::{BakeParams, bake_from_fn, bake_from_mesh};
 pub use field::DistanceField;
-pub use grid::{Bounds, SignedDistanceField};
+pub use grid::{Bounds, FieldId, SignedDistanceField};

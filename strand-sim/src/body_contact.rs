@@ -5,11 +5,15 @@
 //! particles, so it stays within the band and its stiffness is bounded by accuracy, not by the step.
 
 use crate::lanes::{LANES, Lane, Lane3};
+use crate::rig::Topology;
 use crate::solve::banded::BandedMatrix;
 use crate::step::{Span, StepInput, Work};
 use crate::system::{Batch, BatchState, StrandSystem, get, set};
+use crate::watch::{Reach, Sights};
 use collision::friction::slip_factor;
-use collision::{DistanceField, MovingBody, MovingSolid, deepest_on_segment};
+use collision::{
+    DistanceField, MovingBody, MovingDeformingSolid, MovingSolid, SegmentContact, deepest_between, deepest_on_segment,
+};
 use nalgebra::{Isometry3, Vector3};
 
 /// Constants of hair-solid contact.
@@ -121,12 +125,7 @@ pub fn near_points_in(
         if least < reach
             && let Some(hit) = deepest_on_segment(field, a, b, spacing, reach)
         {
-            visit(NearPoint {
-                segment: i,
-                s: f64::from(hit.s),
-                normal: (world_from_solid.rotation * hit.normal.cast::<f64>()).normalize(),
-                gap: f64::from(hit.distance) - params.offset_cm,
-            });
+            visit(NearPoint::new(i, &hit, world_from_solid, params));
         }
         (a, distance_a) = (b, distance_b);
     }
@@ -152,26 +151,25 @@ impl StrandSystem {
         span: Span,
         work: &mut Work,
     ) {
-        let n_rigid = input.solids.len();
-        let n_bodies = n_rigid + input.deforming.len();
-        if state.clearance.len() != n_bodies {
-            state.clearance.clear();
-            // Nothing is known of a new solid: its distance bound starts below zero.
-            state.clearance.resize(n_bodies, [-1.0; LANES]);
-        }
+        state.sights.truncate(input.solids.len());
         for (k, moving) in input.solids.iter().enumerate() {
-            self.find_contacts_with(moving, k, batch, state, input.dt, params, span, work);
+            self.find_rigid_contacts(moving, k, batch, state, input.dt, params, span, work);
+        }
+        if state.clearance.len() != input.deforming.len() {
+            state.clearance.clear();
+            // Nothing is known of a new body: its distance bound starts below zero.
+            state.clearance.resize(input.deforming.len(), [-1.0; LANES]);
         }
         for (k, moving) in input.deforming.iter().enumerate() {
-            self.find_contacts_with(moving, n_rigid + k, batch, state, input.dt, params, span, work);
+            self.find_contacts_with(moving, k, batch, state, input.dt, params, span, work);
         }
         work.sort_contacts();
     }
 
-    /// Finds the contacts with one body, whose distance bounds are `state.clearance[k]`.
-    fn find_contacts_with(
+    /// Finds the contacts with rigid solid `k`.
+    fn find_rigid_contacts(
         &self,
-        moving: &impl MovingBody,
+        moving: &MovingSolid,
         k: usize,
         batch: &Batch,
         state: &mut BatchState,
@@ -181,7 +179,57 @@ impl StrandSystem {
         work: &mut Work,
     ) {
         let topology = &self.topologies[batch.topology];
-        let (first, n_kin) = (topology.first_free_main(), topology.n_kinematic);
+        let field = &moving.solid.sdf;
+        if state.sights.len() <= k {
+            state.sights.push(Sights::new(field, self.n_main));
+        }
+        state.sights[k].turn_to(field);
+        let world_from_solid = moving.pose.at(span.end);
+        let spacing = moving.solid.half_thickness_cm * params.spacing_over_half_thickness as f32;
+        let friction = f64::from(moving.solid.friction);
+        // A strand meets the solid, seen where the substep ends, within what it moves itself and what forces add to that.
+        let reach = Reach { still: params.offset_cm + UNFORESEEN_CM, h: span.h, farthest: FARTHEST_CM };
+        let (position, velocity) = (&state.position[..], &state.velocity[..]);
+        let mut view = std::mem::take(&mut work.view);
+        let solid_from_world = world_from_solid.inverse();
+        let motion = [position, velocity];
+        let n_lanes = batch.strands.len();
+        view.look(field, &solid_from_world, motion, topology, n_lanes, reach, &mut state.sights[k], |met| {
+            let Some(hit) = deepest_between(field, met.ends, met.distance, spacing, met.reach) else { return };
+            let near = NearPoint::new(met.segment, &hit, &world_from_solid, params);
+            let ends = [topology.rig_of_main(met.segment), topology.rig_of_main(met.segment + 1)];
+            let velocity_at = |at| moving.pose.velocity_at(at, dt);
+            add_contact(
+                near,
+                met.lane,
+                ends,
+                [position, velocity],
+                velocity_at,
+                friction,
+                batch,
+                topology,
+                params,
+                span,
+                work,
+            );
+        });
+        work.view = view;
+    }
+
+    /// Finds the contacts with one deforming body, whose distance bounds are `state.clearance[k]`.
+    fn find_contacts_with(
+        &self,
+        moving: &MovingDeformingSolid,
+        k: usize,
+        batch: &Batch,
+        state: &mut BatchState,
+        dt: f64,
+        params: &ContactParams,
+        span: Span,
+        work: &mut Work,
+    ) {
+        let topology = &self.topologies[batch.topology];
+        let first = topology.first_free_main();
         let by_solid = moving.max_displacement() * (span.end - span.begin);
         let speed = |i: usize, lane: usize| get(&state.velocity[topology.rig_of_main(i)], lane).norm();
         // A strand meets the solid, seen where the substep ends, within what it moves itself and what forces add to that.
@@ -203,15 +251,9 @@ impl StrandSystem {
             let particles = first..self.n_main;
             let visit = |near: NearPoint| {
                 let ends = [topology.rig_of_main(near.segment), topology.rig_of_main(near.segment + 1)];
-                let at = |of: &[Lane3]| near.between(get(&of[ends[0]], lane), get(&of[ends[1]], lane));
-                let solid_velocity = moving.velocity_at(at(&state.position), span.end, dt);
-                let velocity = at(&state.velocity);
-                let mass = batch.mass[ends[1]][lane];
-                let mut found = Contact::at(&near, lane, ends, solid_velocity, friction, mass, span.h, params);
-                if ends[0] < n_kin {
-                    found.known = work.known_velocity(ends[0], lane) * found.weight[0];
-                }
-                work.add_contact(found, near.is_closing(velocity, span.h));
+                let velocity_at = |at| moving.velocity_at(at, span.end, dt);
+                let motion = [&state.position[..], &state.velocity[..]];
+                add_contact(near, lane, ends, motion, velocity_at, friction, batch, topology, params, span, work);
             };
             let watched = |i: usize| reach(speed(i, lane).max(speed(i + 1, lane)));
             let (field, pose) = (&field, &world_from_solid);
@@ -222,7 +264,41 @@ impl StrandSystem {
     }
 }
 
+/// Keeps the contact of one lane at a point near a solid; `ends` are rig particles.
+#[inline(always)]
+fn add_contact(
+    near: NearPoint,
+    lane: usize,
+    ends: [usize; 2],
+    [position, velocity]: [&[Lane3]; 2],
+    velocity_of_solid: impl Fn(Vector3<f64>) -> Vector3<f64>,
+    friction: f64,
+    batch: &Batch,
+    topology: &Topology,
+    params: &ContactParams,
+    span: Span,
+    work: &mut Work,
+) {
+    let at = |of: &[Lane3]| near.between(get(&of[ends[0]], lane), get(&of[ends[1]], lane));
+    let solid_velocity = velocity_of_solid(at(position));
+    let mass = batch.mass[ends[1]][lane];
+    let mut found = Contact::at(&near, lane, ends, solid_velocity, friction, mass, span.h, params);
+    if ends[0] < topology.n_kinematic {
+        found.known = work.known_velocity(ends[0], lane) * found.weight[0];
+    }
+    work.add_contact(found, near.is_closing(at(velocity), span.h));
+}
+
 impl NearPoint {
+    fn new(segment: usize, hit: &SegmentContact, world_from_solid: &Isometry3<f64>, params: &ContactParams) -> Self {
+        Self {
+            segment,
+            s: f64::from(hit.s),
+            normal: (world_from_solid.rotation * hit.normal.cast::<f64>()).normalize(),
+            gap: f64::from(hit.distance) - params.offset_cm,
+        }
+    }
+
     /// Whether a strand moving at `velocity` (cm/s) is at the surface within `h` seconds.
     #[must_use]
     pub fn is_closing(&self, velocity: Vector3<f64>, h: f64) -> bool {

@@ -39,6 +39,7 @@ mod step_size;
 pub mod stiffness;
 mod strain_limit;
 mod system;
+mod watch;
 pub mod wind;
 
 pub use body_contact::{Contact, ContactParams, NearPoint, near_points, near_points_in};

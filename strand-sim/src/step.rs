@@ -16,8 +16,9 @@ use crate::solve::banded::BandedMatrix;
 use crate::step_size::{Substeps, count_substeps};
 use crate::strain_limit::limit_strain;
 use crate::system::{Batch, BatchState, StrandState, StrandSystem, get, set, transform};
+use crate::watch::View;
 use crate::wind::WindField;
-use collision::{MovingDeformingSolid, MovingSolid, max_displacements};
+use collision::{MovingBody, MovingDeformingSolid, MovingSolid};
 use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
 
@@ -155,6 +156,7 @@ pub(crate) struct Work {
     /// The others, watched in case the step ends in the solid all the same.
     pub(crate) watched: Vec<Contact>,
     driven: Vec<Driven>,
+    pub(crate) view: View,
     report: StepReport,
 }
 
@@ -485,6 +487,7 @@ impl Work {
             contacts: Vec::with_capacity(n_main),
             watched: Vec::with_capacity(n_main),
             driven: Vec::new(),
+            view: View::default(),
             report: StepReport::default(),
         }
     }
@@ -539,8 +542,8 @@ fn account_movement(state: &mut BatchState, next: &[Lane3], input: &StepInput, f
             moved[l] = moved[l].max(d);
         }
     }
-    for (clearance, path) in state.clearance.iter_mut().zip(max_displacements(input.solids, input.deforming)) {
-        let by_solid = fraction * path;
+    for (clearance, moving) in state.clearance.iter_mut().zip(input.deforming) {
+        let by_solid = fraction * moving.max_displacement();
         for l in 0..LANES {
             clearance[l] -= moved[l].sqrt() + by_solid;
         }

@@ -10,6 +10,7 @@ use crate::lanes::{LANES, Lane, Lane3, ZERO};
 use crate::material::Material;
 use crate::rig::perturb::{rig_particles, where_straight};
 use crate::rig::{ALTITUDE, MIN_PARTICLES, N_CONSTANTS, Perturbed, SpringKind, Topology, altitude_constants};
+use crate::watch::Sights;
 use nalgebra::{Isometry3, Vector3};
 use std::collections::BTreeMap;
 
@@ -65,8 +66,10 @@ pub(crate) struct BatchState {
     pub position: Vec<Lane3>,
     /// cm/s.
     pub velocity: Vec<Lane3>,
-    /// Lower bound of each strand's distance to each solid, minus all movement since it was measured, cm.
-    /// Lane-major within a solid; resized when the number of solids changes.
+    /// What was last sampled of each rigid solid.
+    pub sights: Vec<Sights>,
+    /// Lower bound of each strand's distance to each deforming body, minus all movement since it was measured, cm.
+    /// Resized when the number of bodies changes.
     pub clearance: Vec<Lane>,
 }
 
@@ -146,7 +149,12 @@ impl StrandSystem {
                         set(p, l, transform(world_from_head, get(p, l)));
                     }
                 }
-                BatchState { velocity: vec![[ZERO; 3]; position.len()], clearance: Vec::new(), position }
+                BatchState {
+                    velocity: vec![[ZERO; 3]; position.len()],
+                    sights: Vec::new(),
+                    clearance: Vec::new(),
+                    position,
+                }
             })
             .collect();
         StrandState { batches }

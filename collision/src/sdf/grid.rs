@@ -5,7 +5,10 @@
 //! the nearest point of the box, every point `c` of the solid has an obtuse angle at `q`, so
 //! `|p - c|^2 >= |p - q|^2 + |q - c|^2`. That bound joins the interpolant continuously at the faces.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use nalgebra::Vector3;
+use rayon::prelude::*;
 
 use crate::error::Error;
 
@@ -59,9 +62,22 @@ impl Bounds {
 /// Largest grid accepted anywhere, so that node indices fit `u32`.
 const MAX_NODES: usize = 1 << 30;
 
+/// Tells fields apart: values never change once baked, so what was sampled of a field stays true of it and its clones,
+/// and of no other field made while the program runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FieldId(u64);
+
+impl FieldId {
+    fn next() -> Self {
+        static MADE: AtomicU64 = AtomicU64::new(0);
+        Self(MADE.fetch_add(1, Ordering::Relaxed))
+    }
+}
+
 /// Signed distance to a solid's surface on a uniform grid, in the solid's frame.
 #[derive(Debug, Clone)]
 pub struct SignedDistanceField {
+    id: FieldId,
     origin: Vector3<f32>,
     cell: f32,
     inv_cell: f32,
@@ -74,7 +90,12 @@ pub struct SignedDistanceField {
     max_error: f32,
     band: f32,
     far_error: f32,
+    /// Most that samples outside the surface change over a centimetre.
+    steepest: f32,
 }
+
+/// Share of a length by which single-precision sampling may err: sixteen roundings.
+const ROUND_OFF: f32 = 16.0 * f32::EPSILON;
 
 /// How far the values of a grid can be trusted.
 #[derive(Debug, Clone, Copy)]
@@ -103,7 +124,10 @@ impl SignedDistanceField {
         trust: Trust,
     ) -> Self {
         assert_eq!(values.len(), nodes[0] * nodes[1] * nodes[2], "one value per node");
+        let steepest = steepest(&values, nodes, cell);
         Self {
+            id: FieldId::next(),
+            steepest,
             origin,
             cell,
             inv_cell: 1.0 / cell,
@@ -149,6 +173,23 @@ impl SignedDistanceField {
     /// Edge of a grid cell, cm.
     pub fn cell(&self) -> f32 {
         self.cell
+    }
+
+    /// What tells this field from every other but its clones.
+    pub fn id(&self) -> FieldId {
+        self.id
+    }
+
+    /// Most that samples change over a centimetre of a straight path outside the surface, never too small: one and a
+    /// little, since the slopes of a trilinear cell along its axes need not belong to one direction.
+    pub fn steepest(&self) -> f32 {
+        self.steepest
+    }
+
+    /// How far below its exact value [`Self::lower_bound`] may be computed where it is `bound`, cm: by rounding alone.
+    #[inline]
+    pub fn round_off(&self, bound: f32) -> f32 {
+        ROUND_OFF * (bound.abs() + self.last.norm() * self.cell + self.origin.norm())
     }
 
     /// Nodes along x, y and z.
@@ -315,6 +356,41 @@ impl SignedDistanceField {
         let along_face = gradient.zip_zip_map(g, &q, |slope, a, b| if a == b { slope } else { 0.0 });
         if total > 0.0 { (total, (gap + along_face * d) / total) } else { (total, gradient) }
     }
+}
+
+/// Largest gradient of the interpolant over all cells that are not inside throughout, bounded by the largest slopes along
+/// the three axes.
+fn steepest(values: &[f32], nodes: [usize; 3], cell: f32) -> f32 {
+    let [nx, ny, nz] = nodes;
+    let inv_cell = 1.0 / cell;
+    let most = (0..(ny - 1) * (nz - 1))
+        .into_par_iter()
+        .map(|row| {
+            let (j, k) = (row % (ny - 1), row / (ny - 1));
+            let line = |j: usize, k: usize| &values[(k * ny + j) * nx..][..nx];
+            let lines = [line(j, k), line(j + 1, k), line(j, k + 1), line(j + 1, k + 1)];
+            let mut most = 0.0f32;
+            for i in 0..nx - 1 {
+                let [a, b] = [lines.map(|l| l[i]), lines.map(|l| l[i + 1])];
+                let mut slope = [0.0f32; 3];
+                for c in [a, b] {
+                    slope[1] = slope[1].max((c[1] - c[0]).abs()).max((c[3] - c[2]).abs());
+                    slope[2] = slope[2].max((c[2] - c[0]).abs()).max((c[3] - c[1]).abs());
+                }
+                let mut outermost = f32::NEG_INFINITY;
+                for n in 0..4 {
+                    slope[0] = slope[0].max((b[n] - a[n]).abs());
+                    outermost = outermost.max(a[n]).max(b[n]);
+                }
+                if outermost >= 0.0 {
+                    most = most.max(slope[0] * slope[0] + slope[1] * slope[1] + slope[2] * slope[2]);
+                }
+            }
+            most
+        })
+        .reduce(|| 0.0, f32::max);
+    // Outside the grid the bound grows by one at most.
+    (most.sqrt() * inv_cell).max(1.0) * (1.0 + ROUND_OFF)
 }
 
 /// `v` at unit length, or what `otherwise` returns when it is too short to have a direction.
