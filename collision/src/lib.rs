@@ -54,4 +54,4 @@ pub use sdf::{
     BakeParams, Bounds, DeformedField, DistanceField, FieldId, SignedDistanceField, bake_from_fn, bake_from_mesh,
 };
 pub use shapes::{Shape, ShapeUnion};
-pub use solid::{MovingSolid, Solid, SolidPose};
+pub use solid::{MovingSolid, Solid, SolidPose, VelocityField};

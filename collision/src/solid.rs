@@ -4,7 +4,7 @@
 //! the solid's frame before they become single precision. Between the ends of a step the pose is blended (translation
 //! linearly, rotation at constant angular velocity); the bound on movement holds for that path.
 
-use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, UnitQuaternion, Vector3};
 
 use crate::error::Error;
 use crate::sdf::bake::bake_closed;
@@ -107,11 +107,39 @@ impl SolidPose {
         (point - (self.from * material).coords) / dt
     }
 
+    /// [`Self::velocity_at`] for many points.
+    pub fn velocity_field(&self, dt: f64) -> VelocityField {
+        if dt <= 0.0 {
+            return VelocityField { per_cm: Matrix3::zeros(), at_origin: Vector3::zeros() };
+        }
+        let before_from_after = self.from * self.to.inverse();
+        let turned = before_from_after.rotation.to_rotation_matrix().into_inner();
+        VelocityField {
+            per_cm: (Matrix3::identity() - turned) / dt,
+            at_origin: -before_from_after.translation.vector / dt,
+        }
+    }
+
     /// Longest path (cm) that any point of a box in the solid's frame travels over the step.
     pub fn max_displacement(&self, bounds: &Bounds) -> f64 {
         let linear = (self.to.translation.vector - self.from.translation.vector).norm();
         // The frame's origin moves straight and everything turns about it.
         linear + self.turn().norm() * f64::from(bounds.max_distance_from(&Vector3::zeros()))
+    }
+}
+
+/// Mean velocity over a step of the points of a rigid solid, by where they are at its end.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VelocityField {
+    per_cm: Matrix3<f64>,
+    at_origin: Vector3<f64>,
+}
+
+impl VelocityField {
+    /// Velocity (cm/s) of the material point that is at `point` (world, cm) at the end of the step.
+    #[inline(always)]
+    pub fn at(&self, point: Vector3<f64>) -> Vector3<f64> {
+        self.per_cm * point + self.at_origin
     }
 }
 

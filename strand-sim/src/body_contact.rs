@@ -34,7 +34,7 @@ impl ContactParams {
     /// A hair's own radius and grid error as offset; stiff enough to leave a hundredth of a penetration.
     #[must_use]
     pub fn standard() -> Self {
-        Self { offset_cm: 0.012, stiffness_over_inertia: 100.0, max_push_speed: 50.0, spacing_over_half_thickness: 0.5 }
+        Self { offset_cm: 0.012, stiffness_over_inertia: 100.0, max_push_speed: 50.0, spacing_over_half_thickness: 0.6 }
     }
 }
 
@@ -192,13 +192,14 @@ impl StrandSystem {
         let (position, velocity) = (&state.position[..], &state.velocity[..]);
         let mut view = std::mem::take(&mut work.view);
         let solid_from_world = world_from_solid.inverse();
+        let solid_motion = moving.pose.velocity_field(dt);
         let motion = [position, velocity];
         let n_lanes = batch.strands.len();
         view.look(field, &solid_from_world, motion, topology, n_lanes, reach, &mut state.sights[k], |met| {
             let Some(hit) = deepest_between(field, met.ends, met.distance, spacing, met.reach) else { return };
             let near = NearPoint::new(met.segment, &hit, &world_from_solid, params);
             let ends = [topology.rig_of_main(met.segment), topology.rig_of_main(met.segment + 1)];
-            let velocity_at = |at| moving.pose.velocity_at(at, dt);
+            let velocity_at = |at| solid_motion.at(at);
             add_contact(
                 near,
                 met.lane,

@@ -404,9 +404,11 @@ impl StrandSystem {
     /// Velocities of the roots and of driven particles over the substep.
     fn drive_particles(&self, batch: &Batch, state: &BatchState, input: &StepInput, span: Span, work: &mut Work) {
         let topology = &self.topologies[batch.topology];
+        let of_strand = |strand: u32| input.roots.at(strand as usize, span.end);
+        // One head carries all.
+        let common = matches!(input.roots, RootMotion::Head { .. }).then(|| of_strand(batch.strands[0]));
         for lane in 0..LANES {
-            let strand = batch.strands[lane.min(batch.strands.len() - 1)] as usize;
-            let root = input.roots.at(strand, span.end);
+            let root = common.unwrap_or_else(|| of_strand(batch.strands[lane.min(batch.strands.len() - 1)]));
             for p in 0..topology.n_kinematic {
                 let target = transform(&root, get(&batch.rest_in_head[p], lane));
                 set(&mut work.next_velocity[p], lane, (target - get(&state.position[p], lane)) / span.h);

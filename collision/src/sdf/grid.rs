@@ -342,7 +342,8 @@ impl SignedDistanceField {
     fn distance_outside(&self, g: &Vector3<f32>) -> f32 {
         let q = self.nearest(g);
         let gap = (g - q).norm() * self.cell;
-        gap.hypot(self.interpolate(&q).max(0.0))
+        let d = self.interpolate(&q).max(0.0);
+        (gap * gap + d * d).sqrt()
     }
 
     #[inline(never)]
@@ -351,7 +352,7 @@ impl SignedDistanceField {
         let gap = (g - q) * self.cell;
         let (d, gradient) = self.interpolate_gradient(&q);
         let d = d.max(0.0);
-        let total = gap.norm().hypot(d);
+        let total = (gap.norm_squared() + d * d).sqrt();
         // Along an axis on which the point is outside, q does not move with p: only the gap does.
         let along_face = gradient.zip_zip_map(g, &q, |slope, a, b| if a == b { slope } else { 0.0 });
         if total > 0.0 { (total, (gap + along_face * d) / total) } else { (total, gradient) }
