@@ -227,7 +227,7 @@ fn find_segments(
             let mut near = 0;
             for l in 0..LANES {
                 // Not a number is near.
-                near |= u8::from(!(excess[l] >= far[l])) << l;
+                near |= u8::from((excess[l] < far[l]) | excess[l].is_nan()) << l;
             }
             view.reach[i - 1] = far;
             view.may_meet[i - 1] = near;
