@@ -85,8 +85,11 @@ pub struct SignedDistanceField {
     nodes: [usize; 3],
     /// Largest grid coordinate along each axis, `nodes - 1`.
     last: Vector3<f32>,
-    /// `nodes[0] * nodes[1] * nodes[2]` distances, x fastest, z slowest.
+    /// Distances in bricks of 4³ nodes, x fastest in a brick and among bricks; the last ones padded with zeros. What lies
+    /// close in space lies close in memory, whichever way a segment runs.
     values: Vec<f32>,
+    /// Values from a brick to the next along y and along z.
+    stride: [usize; 2],
     max_error: f32,
     band: f32,
     far_error: f32,
@@ -108,9 +111,17 @@ pub(crate) struct Trust {
     pub far_error: f32,
 }
 
-/// Where a point lies in the grid: index of its cell's first node, and the fractions across the cell.
+/// Nodes along the edge of a brick.
+const BRICK: usize = 4;
+
+/// Values in a brick.
+const BRICK_VALUES: usize = BRICK * BRICK * BRICK;
+
+/// Where a point lies in the grid: offsets of its cell's nodes along each axis, and the fractions across the cell.
 struct Place {
-    first: usize,
+    x: [usize; 2],
+    y: [usize; 2],
+    z: [usize; 2],
     t: Vector3<f32>,
 }
 
@@ -125,7 +136,20 @@ impl SignedDistanceField {
     ) -> Self {
         assert_eq!(values.len(), nodes[0] * nodes[1] * nodes[2], "one value per node");
         let steepest = steepest(&values, nodes, cell);
+        let [nx, ny, nz] = nodes;
+        let [bx, by, bz] = nodes.map(|n| n.div_ceil(BRICK));
+        let stride = [bx * BRICK_VALUES, bx * by * BRICK_VALUES];
+        let mut bricks = vec![0.0; bx * by * bz * BRICK_VALUES];
+        for (row, line) in values.chunks_exact(nx).enumerate() {
+            let first = offset(row % ny, stride[0], BRICK) + offset(row / ny, stride[1], BRICK * BRICK);
+            for (i, &value) in line.iter().enumerate() {
+                bricks[first + offset(i, BRICK_VALUES, 1)] = value;
+            }
+        }
+        debug_assert_eq!(values.len(), nx * ny * nz);
+        let values = bricks;
         Self {
+            stride,
             id: FieldId::next(),
             steepest,
             origin,
@@ -142,7 +166,13 @@ impl SignedDistanceField {
 
     /// The node values again, x fastest.
     pub(crate) fn into_values(self) -> Vec<f32> {
-        self.values
+        let [nx, ny, nz] = self.nodes;
+        let mut out = Vec::with_capacity(nx * ny * nz);
+        for row in 0..ny * nz {
+            let first = offset(row % ny, self.stride[0], BRICK) + offset(row / ny, self.stride[1], BRICK * BRICK);
+            out.extend((0..nx).map(|i| self.values[first + offset(i, BRICK_VALUES, 1)]));
+        }
+        out
     }
 
     /// Nodes of a grid of this cell over `bounds`.
@@ -224,7 +254,7 @@ impl SignedDistanceField {
     }
 
     /// Signed distance at `p` (solid's frame), cm. Outside the grid a lower bound; not a number only for such a `p`.
-    #[inline]
+    #[inline(always)]
     pub fn distance(&self, p: Vector3<f32>) -> f32 {
         let g = (p - self.origin) * self.inv_cell;
         if self.holds(&g) { self.interpolate(&g) } else { self.distance_outside(&g) }
@@ -289,29 +319,26 @@ impl SignedDistanceField {
         let i = (g.x as i32 as usize).min(nx - 2);
         let j = (g.y as i32 as usize).min(ny - 2);
         let k = (g.z as i32 as usize).min(nz - 2);
-        Place { first: (k * ny + j) * nx + i, t: Vector3::new(g.x - i as f32, g.y - j as f32, g.z - k as f32) }
+        let along = |n: usize, stride: usize, within: usize| [offset(n, stride, within), offset(n + 1, stride, within)];
+        Place {
+            x: along(i, BRICK_VALUES, 1),
+            y: along(j, self.stride[0], BRICK),
+            z: along(k, self.stride[1], BRICK * BRICK),
+            t: Vector3::new(g.x - i as f32, g.y - j as f32, g.z - k as f32),
+        }
     }
 
     /// The eight corner values of a cell: pairs along x, at (y, z) = (0,0), (1,0), (0,1), (1,1).
     #[inline(always)]
-    fn corners(&self, first: usize) -> [[f32; 2]; 4] {
-        let row = self.nodes[0];
-        let slab = row * self.nodes[1];
-        // The last pair first: its bounds check implies the other three.
-        let p3 = self.pair(first + slab + row);
-        [self.pair(first), self.pair(first + row), self.pair(first + slab), p3]
-    }
-
-    #[inline(always)]
-    fn pair(&self, i: usize) -> [f32; 2] {
-        let s = &self.values[i..i + 2];
-        [s[0], s[1]]
+    fn corners(&self, Place { x, y, z, .. }: &Place) -> [[f32; 2]; 4] {
+        let pair = |yz: usize| [self.values[x[0] + yz], self.values[x[1] + yz]];
+        [pair(y[0] + z[0]), pair(y[1] + z[0]), pair(y[0] + z[1]), pair(y[1] + z[1])]
     }
 
     #[inline(always)]
     fn interpolate(&self, g: &Vector3<f32>) -> f32 {
-        let Place { first, t } = self.place(g);
-        let c = self.corners(first);
+        let place = self.place(g);
+        let (c, t) = (self.corners(&place), place.t);
         let x = c.map(|[a, b]| a + t.x * (b - a));
         let y0 = x[0] + t.y * (x[1] - x[0]);
         let y1 = x[2] + t.y * (x[3] - x[2]);
@@ -320,8 +347,8 @@ impl SignedDistanceField {
 
     #[inline(always)]
     fn interpolate_gradient(&self, g: &Vector3<f32>) -> (f32, Vector3<f32>) {
-        let Place { first, t } = self.place(g);
-        let c = self.corners(first);
+        let place = self.place(g);
+        let (c, t) = (self.corners(&place), place.t);
         let dx = c.map(|[a, b]| b - a);
         let x = [0, 1, 2, 3].map(|n: usize| c[n][0] + t.x * dx[n]);
         let (dy0, dy1) = (x[1] - x[0], x[3] - x[2]);
@@ -357,6 +384,12 @@ impl SignedDistanceField {
         let along_face = gradient.zip_zip_map(g, &q, |slope, a, b| if a == b { slope } else { 0.0 });
         if total > 0.0 { (total, (gap + along_face * d) / total) } else { (total, gradient) }
     }
+}
+
+/// Where node `n` of an axis begins: `stride` from brick to brick, `within` from node to node.
+#[inline(always)]
+fn offset(n: usize, stride: usize, within: usize) -> usize {
+    n / BRICK * stride + n % BRICK * within
 }
 
 /// Largest gradient of the interpolant over all cells that are not inside throughout, bounded by the largest slopes along

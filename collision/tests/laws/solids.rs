@@ -36,6 +36,8 @@ fn velocity_is_the_way_of_the_material_point_over_the_step() {
         let v = pose.velocity_at(end.coords, DT);
         assert!((v * DT - (end - start)).norm() < ROUND_OFF);
         assert_eq!(pose.velocity_at(end.coords, 0.0), Vector3::zeros());
+        assert!((pose.velocity_field(DT).at(end.coords) - v).norm() * DT < ROUND_OFF);
+        assert_eq!(pose.velocity_field(0.0).at(end.coords), Vector3::zeros());
     }
 }
 
