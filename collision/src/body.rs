@@ -2,7 +2,6 @@
 
 use nalgebra::Vector3;
 
-use crate::deforming::MovingDeformingSolid;
 use crate::sdf::DistanceField;
 use crate::solid::{MovingSolid, SolidPose};
 
@@ -55,12 +54,4 @@ impl MovingBody for MovingSolid<'_> {
     fn velocity_at(&self, point: Vector3<f64>, _: f64, dt: f64) -> Vector3<f64> {
         self.pose.velocity_at(point, dt)
     }
-}
-
-/// Longest paths of all bodies of a step, rigid ones first.
-pub fn max_displacements<'a>(
-    rigid: &'a [MovingSolid],
-    deforming: &'a [MovingDeformingSolid],
-) -> impl Iterator<Item = f64> + 'a {
-    rigid.iter().map(MovingBody::max_displacement).chain(deforming.iter().map(MovingBody::max_displacement))
 }

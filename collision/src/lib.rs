@@ -43,7 +43,7 @@ mod solid;
 pub mod spatial_hash;
 mod thickness;
 
-pub use body::{MovingBody, max_displacements};
+pub use body::MovingBody;
 pub use clearance::{ribbon_is_free, segment_is_free, strand_ribbon_is_free};
 pub use contact::{SegmentContact, deepest_between, deepest_on_segment};
 pub use deforming::{DeformingSolid, KeyedMesh, MovingDeformingSolid};
