@@ -6,13 +6,15 @@
 //! be unstable (its tangent stiffness, compression included, not positive definite) or whose springs would change by more
 //! than a stated share is given a part of its support, or none, and the report says what is left.
 
+mod relax;
+
 use crate::altitude::altitude_lanes;
 use crate::forces::{Implicit, linearise};
 use crate::implicit::{self, Problem};
 use crate::lanes::{LANES, Lane, ZERO};
 use crate::rig::ALTITUDE;
 use crate::step::{Span, StepInput, StepParams, Work};
-use crate::system::{Batch, BatchState, StrandState, StrandSystem};
+use crate::system::{Batch, BatchState, StrandState, StrandSystem, get, set, transform};
 use collision::MovingSolid;
 use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
@@ -58,6 +60,26 @@ struct Sums {
     given_up: usize,
 }
 
+impl StrandState {
+    /// The same strands, positions and velocities, moved rigidly by `to_there`.
+    #[must_use]
+    pub fn carried(mut self, to_there: &Isometry3<f64>) -> Self {
+        for batch in &mut self.batches {
+            for l in 0..LANES {
+                for x in &mut batch.position {
+                    set(x, l, transform(to_there, get(x, l)));
+                }
+                for v in &mut batch.velocity {
+                    set(v, l, to_there.rotation * get(v, l));
+                }
+            }
+            // Distances to solids were those of the place before.
+            batch.clearance.clear();
+        }
+        self
+    }
+}
+
 impl StrandSystem {
     /// Changes rest lengths so that `state`, its velocities aside, is an equilibrium under gravity on the given resting
     /// solids; `world_from_head` is the head's pose in it.
@@ -98,6 +120,9 @@ impl StrandSystem {
     /// hold the style, which is what it settled under, then what is missing in the shape it settled to. `solids` are at
     /// rest in the head's frame, gravity is that of the head upright. Whoever steps the same strands does the same.
     ///
+    /// Returns the state in equilibrium, upright: [`StrandState::carried`] takes it elsewhere. Another state of the same
+    /// shape would have its perturbed particles where they are placed, not where the springs of bent hair hold them.
+    ///
     /// # Errors
     /// [`crate::Error::RaggedPoints`] unless there are exactly the particles of this system.
     pub fn hold_settled(
@@ -105,12 +130,14 @@ impl StrandSystem {
         rest_in_head: &[Vector3<f64>],
         solids: &[MovingSolid],
         params: &StepParams,
-    ) -> Result<RestReport, crate::Error> {
+    ) -> Result<(StrandState, RestReport), crate::Error> {
         let upright = Isometry3::identity();
         let mut styled = self.rest_state(&upright);
         self.balance(&mut styled, &upright, solids, params);
         let mut settled = self.state_of_shape(rest_in_head, &upright)?;
-        Ok(self.balance(&mut settled, &upright, solids, params))
+        self.relax_perturbed(&mut settled, params);
+        let report = self.balance(&mut settled, &upright, solids, params);
+        Ok((settled, report))
     }
 
     fn balance_batch(
@@ -163,9 +190,13 @@ impl StrandSystem {
         let left = self.drift(batch, state, input, params, Tangent::Frozen, work);
         let after = self.residuals(batch, state, params, work, &left);
         for l in 0..lanes {
+            // Springs exert a share of what would hold the strand, so the rest is missing. What the linear solve says of
+            // contacts is no measure there: it lets the strand fall as far as frozen springs take it.
+            let missing = 1.0 - share[l];
+            let (sum, worst) = if missing == 0.0 { after[l] } else { (missing.powi(2) * before[l].0, missing * before[l].1) };
             sums.before += before[l].0;
-            sums.after += after[l].0;
-            sums.worst = sums.worst.max(after[l].1);
+            sums.after += sum;
+            sums.worst = sums.worst.max(worst);
             if share[l] == 1.0 { sums.held += 1 } else { sums.given_up += 1 }
         }
         sums

@@ -5,6 +5,7 @@ mod mechanics;
 mod ms08_figures;
 mod real_solids;
 mod runtime;
+mod settled_hair;
 mod stability;
 mod strands;
 mod strands_in_contact;
