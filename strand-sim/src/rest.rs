@@ -120,6 +120,9 @@ impl StrandSystem {
     /// hold the style, which is what it settled under, then what is missing in the shape it settled to. `solids` are at
     /// rest in the head's frame, gravity is that of the head upright. Whoever steps the same strands does the same.
     ///
+    /// Segments take the length they have settled to: what contact and strain limiting moved last has strained them by up to
+    /// a twentieth, thousands of times what the hair's weight does, and would be carried for ever.
+    ///
     /// Returns the state in equilibrium, upright: [`StrandState::carried`] takes it elsewhere. Another state of the same
     /// shape would have its perturbed particles where they are placed, not where the springs of bent hair hold them.
     ///
@@ -135,9 +138,28 @@ impl StrandSystem {
         let mut styled = self.rest_state(&upright);
         self.balance(&mut styled, &upright, solids, params);
         let mut settled = self.state_of_shape(rest_in_head, &upright)?;
+        self.take_lengths(&settled);
         self.relax_perturbed(&mut settled, params);
         let report = self.balance(&mut settled, &upright, solids, params);
         Ok((settled, report))
+    }
+
+    /// Rest lengths of segments as they are in `state`.
+    fn take_lengths(&mut self, state: &StrandState) {
+        for (batch, state) in self.batches.iter_mut().zip(&state.batches) {
+            let topology = &self.topologies[batch.topology];
+            let ends = |j: usize| (topology.rig_of_main(j), topology.rig_of_main(j + 1));
+            for j in 0..self.n_main - 1 {
+                let (a, b) = ends(j);
+                let Some(k) = topology.springs_to(b).find(|&k| topology.springs[k].a == a) else { continue };
+                for l in 0..LANES {
+                    let length = (get(&state.position[b], l) - get(&state.position[a], l)).norm();
+                    if length > 0.0 {
+                        batch.inv_rest_length[k][l] = 1.0 / length;
+                    }
+                }
+            }
+        }
     }
 
     fn balance_batch(
