@@ -31,8 +31,9 @@ const LARGEST_CHANGE: f64 = 0.3;
 /// Shares of its support that a strand is offered, from all of it down.
 const SHARES: [f64; 5] = [1.0, 0.75, 0.5, 0.25, 0.125];
 
-/// Gap up to which a strand counts as lying on a solid, cm: what a settled contact leaves.
-const LYING_CM: f64 = 0.005;
+/// Gap up to which a strand counts as lying on a solid, cm: hair at rest on one falls by g h² in a substep of 5 ms and is
+/// pushed out again, so that is how far off a settled contact may be found.
+const LYING_CM: f64 = 0.025;
 
 /// What balancing came to. Residuals are the net force on a particle over its weight, contact forces counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -249,8 +250,8 @@ impl StrandSystem {
         state.clearance.clear();
     }
 
-    /// Displacement that the linear solve finds from `state`, per rig particle; supports that would have to pull are let
-    /// go for good.
+    /// Displacement that the linear solve finds from `state`, per rig particle; of the frozen tangent, supports
+    /// that would have to pull are let go for good.
     fn drift(
         &self,
         batch: &Batch,
@@ -294,13 +295,16 @@ impl StrandSystem {
                     }
                 }
             }
+            if tangent == Tangent::Full {
+                return shift;
+            }
             let n_supports = work.contacts.len();
             work.contacts.retain(|contact| {
                 let along = |k: usize| contact.normal[k];
                 let moved = |p: usize| (0..3).map(|k| along(k) * shift[p][k][contact.lane]).sum::<f64>();
                 contact.weight[0] * moved(contact.ends[0]) + contact.weight[1] * moved(contact.ends[1]) <= 0.0
             });
-            if tangent == Tangent::Full || work.contacts.len() == n_supports {
+            if work.contacts.len() == n_supports {
                 return shift;
             }
         }
