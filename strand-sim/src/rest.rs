@@ -9,6 +9,7 @@
 mod relax;
 
 use crate::altitude::altitude_lanes;
+use crate::body_contact::Contact;
 use crate::forces::{Implicit, linearise};
 use crate::implicit::{self, Problem};
 use crate::lanes::{LANES, Lane, ZERO};
@@ -191,6 +192,8 @@ impl StrandSystem {
                 }
             }
         }
+        let supports = work.contacts.clone();
+        work.hold_sideways();
         let mut share: [f64; LANES] = [0.0; LANES];
         for offered in SHARES {
             // Only lanes still without support are offered more.
@@ -207,6 +210,7 @@ impl StrandSystem {
                 }
             }
         }
+        work.contacts = supports;
         // What no share suited keeps its styled rest lengths.
         let refused: [bool; LANES] = std::array::from_fn(|l| share[l] == 0.0);
         self.tighten(batch, &styled, state, &shift, 0.0, &refused, &mut [true; LANES]);
@@ -216,7 +220,8 @@ impl StrandSystem {
             // Springs exert a share of what would hold the strand, so the rest is missing. What the linear solve says of
             // contacts is no measure there: it lets the strand fall as far as frozen springs take it.
             let missing = 1.0 - share[l];
-            let (sum, worst) = if missing == 0.0 { after[l] } else { (missing.powi(2) * before[l].0, missing * before[l].1) };
+            let (sum, worst) =
+                if missing == 0.0 { after[l] } else { (missing.powi(2) * before[l].0, missing * before[l].1) };
             sums.before += before[l].0;
             sums.after += sum;
             sums.worst = sums.worst.max(worst);
@@ -417,6 +422,23 @@ impl StrandSystem {
             }
         }
         out
+    }
+}
+
+impl Work {
+    /// Adds to every support with friction two that hold across its normal: equilibrium is found without friction, so that
+    /// whatever disturbs it a little meets a contact that sticks. Without them hair on a head could slide off either way.
+    fn hold_sideways(&mut self) {
+        for k in 0..self.contacts.len() {
+            let contact = self.contacts[k];
+            if contact.friction > 0.0 {
+                let axis = if contact.normal.x.abs() < 0.6 { Vector3::x() } else { Vector3::z() };
+                let aside = contact.normal.cross(&axis).normalize();
+                let normals = [aside, contact.normal.cross(&aside)];
+                self.contacts.extend(normals.map(|normal| Contact { normal, ..contact }));
+            }
+        }
+        self.sort_contacts();
     }
 }
 

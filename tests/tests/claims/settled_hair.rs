@@ -3,7 +3,7 @@
 use collision::{MovingSolid, Solid, SolidPose};
 use hair_bench::grooms::{GroomParams, Style, generate};
 use hair_bench::shapes;
-use hair_tests::scenes::{DT, largest_difference};
+use hair_tests::scenes::DT;
 use nalgebra::{Isometry3, Vector3};
 use strand_sim::{Material, RestReport, StepInput, StepParams, StepWorkspace, StrandState, StrandSystem};
 
@@ -26,7 +26,6 @@ struct Settled {
     report: RestReport,
     /// Root mean square distance of all particles from the settled shape after half a second, cm.
     moved_cm: f64,
-    farthest_cm: f64,
 }
 
 fn settle(style: Style, head: &Solid) -> Settled {
@@ -46,14 +45,24 @@ fn settle(style: Style, head: &Solid) -> Settled {
     step_for(0.5, &system, &mut state, &still);
     let now = system.positions(&state);
     let squares: f64 = now.iter().zip(&rest).map(|(a, b)| (a - b).norm_squared()).sum();
-    Settled { report, moved_cm: (squares / now.len() as f64).sqrt(), farthest_cm: largest_difference(&now, &rest) }
+    Settled { report, moved_cm: (squares / now.len() as f64).sqrt() }
 }
 
 #[test]
-fn every_strand_that_has_settled_on_a_head_is_held_there() {
+fn hair_that_has_settled_on_a_head_is_held_there() {
+    /// Strands given up: measured 4 of 300 straight and one wavy, bent where they buckle. With perturbed particles where they
+    /// are placed 17 were, with residuals of 4e5 weights.
+    const GIVEN_UP: usize = 6;
+    /// Residual of all particles, weights: measured 0.8 and 0.2, all of it in strands given up.
+    const RESIDUAL: f64 = 1.5;
+    /// Root mean square movement in half a second: measured 0.018 and 0.008 cm. Friction lets hair creep on the head.
+    const MOVED_CM: f64 = 0.03;
     let head = shapes::head().unwrap();
     for style in [Style::Straight, Style::Wavy] {
-        let Settled { report, moved_cm, farthest_cm } = settle(style, &head);
-        println!("{style:?}: {report:?}, moved by {moved_cm}, at most {farthest_cm} cm");
+        let Settled { report, moved_cm } = settle(style, &head);
+        println!("{style:?}: {report:?}, moved by {moved_cm} cm");
+        assert!(report.given_up <= GIVEN_UP && report.held + report.given_up == N_STRANDS, "{style:?}: {report:?}");
+        assert!(report.residual_after < RESIDUAL && report.residual_after < report.residual_before, "{report:?}");
+        assert!(moved_cm < MOVED_CM, "{style:?}: {moved_cm} cm");
     }
 }
