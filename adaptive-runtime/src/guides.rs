@@ -81,8 +81,8 @@ impl Guides {
         let pose = SolidPose::still(Isometry3::identity());
         let head: Vec<_> = head.map(|solid| MovingSolid { solid, pose }).into_iter().collect();
         // As the full-space simulation that the model was trained on.
-        system.hold_settled(&shape, &head, params)?;
-        let state = system.state_of_shape(&shape, world_from_head)?;
+        let (settled, _) = system.hold_settled(&shape, &head, params)?;
+        let state = settled.carried(world_from_head);
         let n_guides = model.n_guides();
         Ok(Self {
             n_particles: n,

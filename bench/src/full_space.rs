@@ -74,9 +74,8 @@ impl FullSpace {
         let upright = Isometry3::identity();
         let mut system = StrandSystem::new(&points(groom), n, material)?;
         let head = MovingSolid { solid: head, pose: SolidPose::still(upright) };
-        let held = system.hold_settled(&points(rest), &[head], params)?;
+        let (state, held) = system.hold_settled(&points(rest), &[head], params)?;
         tracing::info!(?held, "settled shape");
-        let state = system.state_of_shape(&points(rest), &upright)?;
         Ok(Self::of(system, state, params, n))
     }
 

@@ -75,6 +75,9 @@ impl Material {
     /// dyn·cm² in the straight rig, where a thick hair of 0.13 mm has as much). 25 cm of hair in curls of 0.5 to 1 cm
     /// radius then give up at most a tenth of what curling takes off their length: measured 1, 4 and 10 % at 0.5, 0.75
     /// and 1 cm, where wavy hair gives up a fifth and more of the last.
+    ///
+    /// These are not calibrated: with fewer than about twelve particles a turn a strand has no perturbed particles, and
+    /// constants of a straight rod then leave a coil two to five times too soft ([`crate::stiffness::calibrate_curly`]).
     #[must_use]
     pub fn curly() -> Self {
         Self { bend_dyn: 800.0, twist_dyn: 400.0, altitude_dyn: ALTITUDE_PER_TWIST * 400.0, ..Self::wavy() }

@@ -12,6 +12,19 @@ use crate::system::{StrandState, StrandSystem, get, transform};
 use crate::wind::ALONG_OVER_ACROSS;
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
+/// One altitude spring of a step: its length grows by Σ slope·x over its corners.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AltitudeTerm {
+    /// Free rig particles of the tetrahedron, [`PRESCRIBED`] for those that are not free.
+    pub corners: [usize; 4],
+    /// Change of length with each corner.
+    pub slope: [Vector3<f64>; 4],
+    /// Impulse at the start of the step, g·cm/s: corner c gets minus it times its slope.
+    pub pull: f64,
+    /// Further impulse per rate of length, g.
+    pub along: f64,
+}
+
 /// A strand taken out of its batch.
 #[derive(Clone, Debug)]
 pub struct PlainStrand {
@@ -112,6 +125,24 @@ impl PlainStrand {
                 }
             })
             .collect()
+    }
+
+    /// The altitude springs as a step of `h` seconds takes them, directions frozen where the strand is.
+    #[must_use]
+    pub fn altitude_terms(&self, h: f64) -> Vec<AltitudeTerm> {
+        let n_kin = self.topology.n_kinematic;
+        let terms = (0..self.topology.n_tetrahedra()).filter_map(|first| {
+            let x = [first, first + 1, first + 2, first + 3];
+            let a = altitude(&x.map(|p| self.position[p]), &self.altitude_rest[first])?;
+            let k = self.stiffness[ALTITUDE] * a.per_length;
+            Some(AltitudeTerm {
+                corners: x.map(|p| p.checked_sub(n_kin).unwrap_or(PRESCRIBED)),
+                slope: a.weight.map(|w| a.direction * w),
+                pull: h * k * (a.length - a.rest_length),
+                along: h * (h * k + self.damping[ALTITUDE]),
+            })
+        });
+        terms.collect()
     }
 
     /// Masses of the free rig particles, g.

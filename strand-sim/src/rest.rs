@@ -6,13 +6,16 @@
 //! be unstable (its tangent stiffness, compression included, not positive definite) or whose springs would change by more
 //! than a stated share is given a part of its support, or none, and the report says what is left.
 
+mod relax;
+
 use crate::altitude::altitude_lanes;
+use crate::body_contact::Contact;
 use crate::forces::{Implicit, linearise};
 use crate::implicit::{self, Problem};
 use crate::lanes::{LANES, Lane, ZERO};
 use crate::rig::ALTITUDE;
 use crate::step::{Span, StepInput, StepParams, Work};
-use crate::system::{Batch, BatchState, StrandState, StrandSystem};
+use crate::system::{Batch, BatchState, StrandState, StrandSystem, get, set, transform};
 use collision::MovingSolid;
 use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
@@ -29,8 +32,9 @@ const LARGEST_CHANGE: f64 = 0.3;
 /// Shares of its support that a strand is offered, from all of it down.
 const SHARES: [f64; 5] = [1.0, 0.75, 0.5, 0.25, 0.125];
 
-/// Gap up to which a strand counts as lying on a solid, cm: what a settled contact leaves.
-const LYING_CM: f64 = 0.005;
+/// Gap up to which a strand counts as lying on a solid, cm: hair at rest on one falls by g h² in a substep of 5 ms and is
+/// pushed out again, so that is how far off a settled contact may be found.
+const LYING_CM: f64 = 0.025;
 
 /// What balancing came to. Residuals are the net force on a particle over its weight, contact forces counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -56,6 +60,26 @@ struct Sums {
     particles: usize,
     held: usize,
     given_up: usize,
+}
+
+impl StrandState {
+    /// The same strands, positions and velocities, moved rigidly by `to_there`.
+    #[must_use]
+    pub fn carried(mut self, to_there: &Isometry3<f64>) -> Self {
+        for batch in &mut self.batches {
+            for l in 0..LANES {
+                for x in &mut batch.position {
+                    set(x, l, transform(to_there, get(x, l)));
+                }
+                for v in &mut batch.velocity {
+                    set(v, l, to_there.rotation * get(v, l));
+                }
+            }
+            // Distances to solids were those of the place before.
+            batch.clearance.clear();
+        }
+        self
+    }
 }
 
 impl StrandSystem {
@@ -98,6 +122,12 @@ impl StrandSystem {
     /// hold the style, which is what it settled under, then what is missing in the shape it settled to. `solids` are at
     /// rest in the head's frame, gravity is that of the head upright. Whoever steps the same strands does the same.
     ///
+    /// Segments take the length they have settled to: what contact and strain limiting moved last has strained them by up to
+    /// a twentieth, thousands of times what the hair's weight does, and would be carried for ever.
+    ///
+    /// Returns the state in equilibrium, upright: [`StrandState::carried`] takes it elsewhere. Another state of the same
+    /// shape would have its perturbed particles where they are placed, not where the springs of bent hair hold them.
+    ///
     /// # Errors
     /// [`crate::Error::RaggedPoints`] unless there are exactly the particles of this system.
     pub fn hold_settled(
@@ -105,12 +135,33 @@ impl StrandSystem {
         rest_in_head: &[Vector3<f64>],
         solids: &[MovingSolid],
         params: &StepParams,
-    ) -> Result<RestReport, crate::Error> {
+    ) -> Result<(StrandState, RestReport), crate::Error> {
         let upright = Isometry3::identity();
         let mut styled = self.rest_state(&upright);
         self.balance(&mut styled, &upright, solids, params);
         let mut settled = self.state_of_shape(rest_in_head, &upright)?;
-        Ok(self.balance(&mut settled, &upright, solids, params))
+        self.take_lengths(&settled);
+        self.relax_perturbed(&mut settled, params);
+        let report = self.balance(&mut settled, &upright, solids, params);
+        Ok((settled, report))
+    }
+
+    /// Rest lengths of segments as they are in `state`.
+    fn take_lengths(&mut self, state: &StrandState) {
+        for (batch, state) in self.batches.iter_mut().zip(&state.batches) {
+            let topology = &self.topologies[batch.topology];
+            let ends = |j: usize| (topology.rig_of_main(j), topology.rig_of_main(j + 1));
+            for j in 0..self.n_main - 1 {
+                let (a, b) = ends(j);
+                let Some(k) = topology.springs_to(b).find(|&k| topology.springs[k].a == a) else { continue };
+                for l in 0..LANES {
+                    let length = (get(&state.position[b], l) - get(&state.position[a], l)).norm();
+                    if length > 0.0 {
+                        batch.inv_rest_length[k][l] = 1.0 / length;
+                    }
+                }
+            }
+        }
     }
 
     fn balance_batch(
@@ -141,6 +192,8 @@ impl StrandSystem {
                 }
             }
         }
+        let supports = work.contacts.clone();
+        work.hold_sideways();
         let mut share: [f64; LANES] = [0.0; LANES];
         for offered in SHARES {
             // Only lanes still without support are offered more.
@@ -157,15 +210,21 @@ impl StrandSystem {
                 }
             }
         }
+        work.contacts = supports;
         // What no share suited keeps its styled rest lengths.
         let refused: [bool; LANES] = std::array::from_fn(|l| share[l] == 0.0);
         self.tighten(batch, &styled, state, &shift, 0.0, &refused, &mut [true; LANES]);
         let left = self.drift(batch, state, input, params, Tangent::Frozen, work);
         let after = self.residuals(batch, state, params, work, &left);
         for l in 0..lanes {
+            // Springs exert a share of what would hold the strand, so the rest is missing. What the linear solve says of
+            // contacts is no measure there: it lets the strand fall as far as frozen springs take it.
+            let missing = 1.0 - share[l];
+            let (sum, worst) =
+                if missing == 0.0 { after[l] } else { (missing.powi(2) * before[l].0, missing * before[l].1) };
             sums.before += before[l].0;
-            sums.after += after[l].0;
-            sums.worst = sums.worst.max(after[l].1);
+            sums.after += sum;
+            sums.worst = sums.worst.max(worst);
             if share[l] == 1.0 { sums.held += 1 } else { sums.given_up += 1 }
         }
         sums
@@ -196,8 +255,8 @@ impl StrandSystem {
         state.clearance.clear();
     }
 
-    /// Displacement that the linear solve finds from `state`, per rig particle; supports that would have to pull are let
-    /// go for good.
+    /// Displacement that the linear solve finds from `state`, per rig particle; of the frozen tangent, supports
+    /// that would have to pull are let go for good.
     fn drift(
         &self,
         batch: &Batch,
@@ -241,13 +300,16 @@ impl StrandSystem {
                     }
                 }
             }
+            if tangent == Tangent::Full {
+                return shift;
+            }
             let n_supports = work.contacts.len();
             work.contacts.retain(|contact| {
                 let along = |k: usize| contact.normal[k];
                 let moved = |p: usize| (0..3).map(|k| along(k) * shift[p][k][contact.lane]).sum::<f64>();
                 contact.weight[0] * moved(contact.ends[0]) + contact.weight[1] * moved(contact.ends[1]) <= 0.0
             });
-            if tangent == Tangent::Full || work.contacts.len() == n_supports {
+            if work.contacts.len() == n_supports {
                 return shift;
             }
         }
@@ -360,6 +422,23 @@ impl StrandSystem {
             }
         }
         out
+    }
+}
+
+impl Work {
+    /// Adds to every support with friction two that hold across its normal: equilibrium is found without friction, so that
+    /// whatever disturbs it a little meets a contact that sticks. Without them hair on a head could slide off either way.
+    fn hold_sideways(&mut self) {
+        for k in 0..self.contacts.len() {
+            let contact = self.contacts[k];
+            if contact.friction > 0.0 {
+                let axis = if contact.normal.x.abs() < 0.6 { Vector3::x() } else { Vector3::z() };
+                let aside = contact.normal.cross(&axis).normalize();
+                let normals = [aside, contact.normal.cross(&aside)];
+                self.contacts.extend(normals.map(|normal| Contact { normal, ..contact }));
+            }
+        }
+        self.sort_contacts();
     }
 }
 

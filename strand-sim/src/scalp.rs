@@ -5,8 +5,11 @@
 //! the triangle's orthonormal frame (one edge, the normal), which a rigid motion of the scalp carries exactly and a
 //! stretch leaves orthonormal. The triangle's own stretch moves roots apart, not the points of one strand.
 
+mod nearest;
+
 use crate::error::Error;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nearest::Nearest;
 
 /// Where the roots of a groom sit on a scalp mesh.
 #[derive(Clone, Debug)]
@@ -36,7 +39,7 @@ const LEAST_AREA_SHARE: f64 = 1e-9;
 
 impl Scalp {
     /// Binds each root to the nearest triangle of the rest mesh, all in the frame of the strands' rest shape, cm.
-    /// Triangles without area are passed over. Takes time in proportion to roots times triangles; meant for loading.
+    /// Triangles without area are passed over; of triangles equally near, the first in the mesh counts.
     ///
     /// # Errors
     /// A vertex or root that is not finite, a triangle that names a vertex the mesh does not have, or no triangle with
@@ -44,16 +47,16 @@ impl Scalp {
     pub fn bind(vertices: &[Vector3<f64>], triangles: &[[u32; 3]], roots: &[Vector3<f64>]) -> Result<Self, Error> {
         check_finite(vertices)?;
         let usable = usable_triangles(vertices, triangles)?;
+        let places: Vec<_> = usable.iter().map(|t| corners(vertices, t)).collect();
+        let tree = Nearest::new(&places);
         let bindings = roots.iter().enumerate().map(|(strand, &root)| {
             if !root.iter().all(|c| c.is_finite()) {
                 return Err(Error::NonFinite { strand, particle: 0 });
             }
-            let nearest = usable.iter().map(|t| (t, nearest_weights(corners(vertices, t), root))).min_by(|a, b| {
-                let gap = |(t, weights): &(&[u32; 3], [f64; 3])| (root - at(vertices, t, weights)).norm_squared();
-                gap(a).total_cmp(&gap(b))
-            });
-            let (&triangle, weights) = nearest.ok_or(Error::NoTriangles { n_triangles: triangles.len() })?;
-            Binding::new(vertices, triangle, weights, root).ok_or(Error::NoTriangles { n_triangles: triangles.len() })
+            let weights = |t: usize| nearest_weights(places[t], root);
+            let gap = |t: usize| (root - at(vertices, &usable[t], &weights(t))).norm_squared();
+            let nearest = tree.find(root, gap).and_then(|t| Binding::new(vertices, usable[t], weights(t), root));
+            nearest.ok_or(Error::NoTriangles { n_triangles: triangles.len() })
         });
         Ok(Self { n_vertices: vertices.len(), bindings: bindings.collect::<Result<_, _>>()? })
     }
@@ -178,4 +181,75 @@ fn nearest_weights([a, b, c]: [Vector3<f64>; 3], p: Vector3<f64>) -> [f64; 3] {
         }
     }
     best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Pseudo-random numbers in 0..1 from a number: the fractions of an irrational rotation.
+    fn spread(n: usize) -> [f64; 3] {
+        [0.754_877_666, 0.569_840_291, 0.819_172_513].map(|step: f64| (0.5 + step * n as f64).fract())
+    }
+
+    /// By going through all triangles.
+    fn bind_plainly(vertices: &[Vector3<f64>], triangles: &[[u32; 3]], root: Vector3<f64>) -> Binding {
+        let usable = usable_triangles(vertices, triangles).expect("a mesh with area");
+        let of = |t: &[u32; 3]| nearest_weights(corners(vertices, t), root);
+        let gap = |t: &[u32; 3]| (root - at(vertices, t, &of(t))).norm_squared();
+        let nearest = usable.iter().min_by(|a, b| gap(a).total_cmp(&gap(b))).expect("a triangle");
+        Binding::new(vertices, *nearest, of(nearest), root).expect("an area")
+    }
+
+    #[test]
+    fn the_tree_binds_roots_as_going_through_all_triangles_does() {
+        const SIDE: usize = 24;
+        // A bumpy sheet, every edge and vertex of it shared, so that roots on them are equally near several triangles.
+        let vertices: Vec<_> = (0..SIDE * SIDE)
+            .map(|n| Vector3::new((n % SIDE) as f64, 2.0 * spread(n)[0], (n / SIDE) as f64) * 0.5)
+            .collect();
+        let mut triangles: Vec<[u32; 3]> = (0..SIDE * (SIDE - 1))
+            .filter(|n| n % SIDE + 1 < SIDE)
+            .flat_map(|n| [[n, n + SIDE, n + 1], [n + 1, n + SIDE, n + SIDE + 1]])
+            .map(|t| t.map(|v| v as u32))
+            .collect();
+        triangles.push([3, 3, 9]);
+        let size = 0.5 * SIDE as f64;
+        let mut roots: Vec<_> = (0..400)
+            .map(|n| {
+                let [x, y, z] = spread(n);
+                Vector3::new((1.4 * x - 0.2) * size, 4.0 * y - 1.0, (1.4 * z - 0.2) * size)
+            })
+            .collect();
+        // On vertices, on the middles of edges, and far off.
+        roots.extend(vertices.iter().step_by(7));
+        roots.extend(triangles.iter().step_by(5).map(|t| (vertices[t[0] as usize] + vertices[t[1] as usize]) * 0.5));
+        roots.push(Vector3::new(500.0, -300.0, 80.0));
+        let scalp = Scalp::bind(&vertices, &triangles, &roots).expect("a sound mesh");
+        for (found, &root) in scalp.bindings().iter().zip(&roots) {
+            assert_eq!(*found, bind_plainly(&vertices, &triangles, root), "root {root:?}");
+        }
+    }
+
+    #[test]
+    fn a_root_is_compared_with_few_triangles() {
+        // Of a fine flat sheet: a search that opens every box would look at them all.
+        const SIDE: usize = 100;
+        let place = |n: usize| Vector3::new((n % SIDE) as f64, 0.0, (n / SIDE) as f64);
+        let places: Vec<_> =
+            (0..SIDE * SIDE).map(|n| [place(n), place(n) + Vector3::x(), place(n) + Vector3::z()]).collect();
+        let tree = Nearest::new(&places);
+        let mut looked = 0;
+        for n in 0..50 {
+            let [x, _, z] = spread(n);
+            let root = Vector3::new(x, 0.01, z) * SIDE as f64;
+            let gap = |t: usize| {
+                let w = nearest_weights(places[t], root);
+                looked += 1;
+                (root - (places[t][0] * w[0] + places[t][1] * w[1] + places[t][2] * w[2])).norm_squared()
+            };
+            assert!(tree.find(root, gap).is_some());
+        }
+        assert!(looked < 50 * places.len() / 100, "{looked} distances for 50 roots");
+    }
 }

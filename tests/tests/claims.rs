@@ -1,9 +1,12 @@
 //! What AS16 and MS08 promise, on small scenes.
 
+mod hair_at_rest_on_solids;
 mod mechanics;
 mod ms08_figures;
 mod real_solids;
 mod runtime;
+mod settled_hair;
 mod stability;
 mod strands;
 mod strands_in_contact;
+mod strands_that_pass;

@@ -7,7 +7,7 @@
 
 use nalgebra::{Isometry3, Vector2, Vector3};
 use strand_sim::reference::PlainStrand;
-use strand_sim::stiffness::{SpringConstants, calibrate_straight, curly_stiffness};
+use strand_sim::stiffness::{SpringConstants, calibrate_curly, calibrate_straight};
 use strand_sim::{Drive, Error, Material, Scheme, StepInput, StepParams, StepWorkspace, StrandState};
 use strand_sim::{StrandSystem, Substeps};
 
@@ -387,26 +387,7 @@ impl Coil {
 
     /// Constants of the curly rig that resist turn and twist with EI and GJ, altitude springs a share of torsion springs.
     pub fn curl_constants(&self, altitude_per_twist: f64) -> Option<SpringConstants> {
-        let of = |bend_dyn: f64, twist_dyn: f64| {
-            let altitude_dyn = altitude_per_twist * twist_dyn;
-            curly_stiffness(
-                self.h,
-                self.turn,
-                self.twist,
-                &SpringConstants { edge_dyn: EA, bend_dyn, twist_dyn, altitude_dyn },
-            )
-        };
-        // Linear in the constants.
-        let (b, t) = (of(1.0, 0.0), of(0.0, 1.0));
-        let determinant = b.bend * t.twist - b.twist * t.bend;
-        let bend_dyn = (EI * t.twist - GJ * t.bend) / determinant;
-        let twist_dyn = (b.bend * GJ - b.twist * EI) / determinant;
-        (bend_dyn > 0.0 && twist_dyn > 0.0).then_some(SpringConstants {
-            edge_dyn: EA,
-            bend_dyn,
-            twist_dyn,
-            altitude_dyn: altitude_per_twist * twist_dyn,
-        })
+        calibrate_curly(EI, GJ, self.h, [self.turn, self.twist], EA, altitude_per_twist).ok()
     }
 
     /// Heights (cm) of the wire's end at rest under each load (dyn, downwards).

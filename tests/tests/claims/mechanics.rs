@@ -119,7 +119,7 @@ fn a_rod_let_go_level_follows_the_cosserat_rod() {
 
 #[test]
 fn twist_with_and_against_the_rigs_winding_loses_stability_on_either_side_of_theory() {
-    /// A known defect: perturbed particles wind one way. With 82 particles measured 17.6 % late and 10.1 % early.
+    /// A known defect: perturbed particles wind one way, and winding forth and back costs more elsewhere (docs/DEVIATIONS.md). With 82 particles measured 17.6 % late and 10.1 % early.
     const LATE: std::ops::Range<f64> = 0.12..0.20;
     const EARLY: std::ops::Range<f64> = -0.13..-0.07;
     /// What is left of it in the mean of both: measured 3.8 %.

@@ -92,7 +92,8 @@ fn run_twist() -> Result<Vec<Shown>> {
     let critical = critical_twist(&hair, 0.005, 0.1)?;
     Ok(vec![
         shown("ends 0.5 % nearer", (critical, Film::new(hair.n_particles)))?,
-        shown("ends 40 % nearer", twist(&hair, 0.4, 3.4, 1.0, true)?)?,
+        // At a turn a second the loop still swings from its snap when it is wound on, and whips through itself.
+        shown("ends 40 % nearer", twist(&hair, 0.4, 3.4, 0.5, true)?)?,
     ])
 }
 

@@ -1,0 +1,145 @@
+//! Hair that lies on a solid: it stays out along its whole length, and friction holds it or lets it slide as Coulomb has it
+//! (MS08 §4 steps 3 and 5, AS16 §5.1, §7.1).
+
+use collision::{MovingSolid, Shape, Solid, SolidPose};
+use hair_tests::scenes::{N_PARTICLES, Tuft, dense_samples, straight};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use strand_sim::{Material, StepParams};
+
+/// Particles at the root that move with the scalp and feel no solid.
+const FIRST_FREE: usize = 2;
+
+/// cm/s².
+const GRAVITY: f64 = 981.0;
+
+/// Steps of 10 ms in a second.
+const STEPS_A_SECOND: usize = 100;
+
+/// Straight hair from a patch of one centimetre over the top of a ball about the origin, standing away from it.
+fn tufted(radius: f64) -> Vec<Vector3<f64>> {
+    let strand = |k: usize| {
+        let (sin, cos) = (2.4 * k as f64).sin_cos();
+        let out = (k as f64 / 16.0).sqrt();
+        straight(Vector3::new(out * cos, radius + 0.4, out * sin), Vector3::new(cos, 0.4, sin))
+    };
+    (0..16).flat_map(strand).collect()
+}
+
+/// A ball whose grid is finer than that of other scenes: its error is below a hundredth of a millimetre.
+fn fine_ball(radius: f32) -> Solid {
+    Solid::from_shape("ball", &Shape::sphere(Vector3::zeros(), radius).into(), 0.15, radius, 0.0).unwrap()
+}
+
+/// What dense samples of hair lying on a ball came to in the last half of ten seconds.
+struct Rested {
+    /// Nearest a sample came to the ball's surface, cm.
+    least_cm: f64,
+    /// Contacts a step.
+    contacts: f64,
+    /// Mean over strands and steps of the strand's least clearance, cm.
+    mean_cm: f64,
+}
+
+fn rest_on_ball(radius: f64) -> Rested {
+    let mut tuft = Tuft::new(&tufted(radius), Material::straight(), StepParams::standard());
+    let solid = fine_ball(radius as f32);
+    let moving = [MovingSolid { solid: &solid, pose: SolidPose::still(Isometry3::identity()) }];
+    let steps = 10 * STEPS_A_SECOND;
+    let mut rested = Rested { least_cm: f64::INFINITY, contacts: 0.0, mean_cm: 0.0 };
+    for k in 0..steps {
+        let report = tuft.step(Isometry3::identity(), &moving);
+        if k < steps / 2 {
+            continue;
+        }
+        rested.contacts += report.contacts as f64 / (steps / 2) as f64;
+        let positions = tuft.positions();
+        let n_strands = positions.len() / N_PARTICLES;
+        for strand in positions.chunks(N_PARTICLES) {
+            let least =
+                dense_samples(strand, FIRST_FREE).iter().map(|p| p.norm() - radius).fold(f64::INFINITY, f64::min);
+            rested.least_cm = rested.least_cm.min(least);
+            rested.mean_cm += least / (n_strands * steps / 2) as f64;
+        }
+    }
+    rested
+}
+
+#[test]
+fn hair_at_rest_on_a_ball_stays_out_along_its_length() {
+    /// A segment that lies still does not close in, so that the solve does not see its contact: it falls by g h² in a
+    /// substep of 5 ms before it is pushed out, and with a neighbour's push it may end that much inside the offset.
+    /// (What a contact in the solve leaves is 0.001 cm: a tenth of a dyn over 100 m/h².) Measured 0.022 and 0.019 cm.
+    const FALL_CM: f64 = GRAVITY * 0.005 * 0.005;
+    /// Mean of the strands' nearest points, above the offset or below: measured 0.003 and 0.001 cm.
+    const LIES_CM: f64 = 0.005;
+    for radius in [5.0, 8.0] {
+        let r = rest_on_ball(radius);
+        let offset = StepParams::standard().contact.offset_cm;
+        println!("{radius} cm: nearest {} cm, mean {} cm, {} contacts a step", r.least_cm, r.mean_cm, r.contacts);
+        assert!(r.least_cm > offset - FALL_CM, "{radius} cm: a sample at {} cm", r.least_cm);
+        assert!((r.mean_cm - offset).abs() < LIES_CM, "{radius} cm: hair was to lie on the ball: {} cm", r.mean_cm);
+        assert!(r.contacts > 1.0, "{radius} cm: {} contacts a step", r.contacts);
+    }
+}
+
+/// A slab of 60 cm whose upper face passes through the origin.
+fn slab(friction: f32) -> Solid {
+    let shape = Shape::Box { center: Vector3::new(0.0, -2.0, 0.0), half: Vector3::new(30.0, 2.0, 30.0), rounding: 0.0 };
+    Solid::from_shape("slab", &shape.into(), 0.5, 2.0, friction).unwrap()
+}
+
+/// Speed (cm/s) down a slope of `angle` of the outer half of a strand that was laid level across it, after `seconds`. Only
+/// its root is held, and what holds the root takes a tenth of a second to reach the outer half.
+fn speed_on_slope(friction: f32, angle: f64, seconds: f64) -> f64 {
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -angle);
+    let params = StepParams::standard();
+    let material = Material { air_drag_per_s: 0.0, ..Material::straight() };
+    let lifted = turn * Vector3::y() * params.contact.offset_cm;
+    let points = straight(lifted - Vector3::z() * 12.0, Vector3::z());
+    let mut tuft = Tuft::new(&points, material, params);
+    let solid = slab(friction);
+    let pose = SolidPose::still(Isometry3::from_parts(Translation3::identity(), turn));
+    for _ in 0..(seconds * STEPS_A_SECOND as f64).round() as usize {
+        tuft.step(Isometry3::identity(), &[MovingSolid { solid: &solid, pose }]);
+    }
+    let down = turn * Vector3::x();
+    let outer = N_PARTICLES / 2 + 4..N_PARTICLES - 2;
+    let mut speed = 0.0;
+    tuft.system.read(&tuft.state, |_, i, _, v| {
+        if outer.contains(&i) {
+            speed += down.dot(&v) / outer.len() as f64;
+        }
+    });
+    speed
+}
+
+#[test]
+fn hair_slides_down_a_steep_slope_as_coulomb_has_it() {
+    /// Measured 0.93 to 1.06 of g (sin - mu cos) t: contacts come and go from substep to substep, and the root holds.
+    const SHARE: f64 = 0.09;
+    const SECONDS: f64 = 0.1;
+    for (friction, slope) in [(0.0_f32, 0.1), (0.0, 0.5), (0.1, 0.3), (0.3, 0.6), (0.3, 0.9), (0.6, 1.2)] {
+        let angle = f64::atan(slope);
+        let theory = GRAVITY * (angle.sin() - f64::from(friction) * angle.cos()) * SECONDS;
+        let speed = speed_on_slope(friction, angle, SECONDS);
+        println!("friction {friction}, slope {slope}: {speed} cm/s, theory {theory}");
+        assert!((speed / theory - 1.0).abs() < SHARE, "friction {friction}, slope {slope}: {speed}, theory {theory}");
+    }
+}
+
+#[test]
+fn hair_on_a_gentle_slope_creeps_by_a_few_substeps_of_sliding_and_no_faster() {
+    /// A known defect: it should stick. Which points of the segments touch changes from substep to substep, and what does
+    /// not touch falls down the slope for that long; friction keeps it from gathering speed. In units of what gravity gives
+    /// in a substep measured 2.3 to 4.3, at 0.5 as at 2 s.
+    const SUBSTEPS: f64 = 5.0;
+    const SUBSTEP_S: f64 = 0.005;
+    for (friction, slope) in [(0.1_f32, 0.05), (0.3, 0.15), (0.3, 0.27), (0.6, 0.3)] {
+        let angle = f64::atan(slope);
+        for seconds in [0.5, 1.0, 2.0] {
+            let creep = speed_on_slope(friction, angle, seconds) / (GRAVITY * angle.sin() * SUBSTEP_S);
+            println!("friction {friction}, slope {slope}, {seconds} s: {creep}");
+            assert!(creep < SUBSTEPS, "friction {friction}, slope {slope}: {creep} after {seconds} s");
+        }
+    }
+}
