@@ -67,6 +67,16 @@ impl Head {
         (Self::pose(self.time_s), Self::pose(self.time_s + dt))
     }
 
+    /// Lets the hair fall onto the head held still, each strand by itself.
+    fn settle(&mut self, steps: usize) {
+        let (still, mut workspace) = (Self::pose(0.0), StepWorkspace::default());
+        let solids = [MovingSolid { solid: &self.solid, pose: SolidPose { from: still, to: still } }];
+        for _ in 0..steps {
+            let input = StepInput { solids: &solids, ..StepInput::carried(STEP_S, still, still) };
+            self.system.step(&mut self.state, &input, &StepParams::standard(), &mut workspace);
+        }
+    }
+
     fn step(&mut self, dt: f64, params: &StepParams, comb: Option<MovingSolid>, workspace: &mut StepWorkspace) {
         let (from, to) = self.motion(dt);
         let mut solids = vec![MovingSolid { solid: &self.solid, pose: SolidPose { from, to } }];
@@ -266,6 +276,9 @@ pub struct TableRow {
     pub coupled_iterations: f64,
 }
 
+/// Steps before hair that was set down on a head stays where it is, near enough: a second.
+const SETTLING_STEPS: usize = 100;
+
 /// Steps a frame of 1/24 s is cut into.
 const STEPS_PER_FRAME: usize = 4;
 
@@ -299,6 +312,7 @@ pub fn table_row(name: &'static str, strands: usize, n_frames: usize) -> Result<
         unresolved: 0,
         coupled_iterations: 0.0,
     };
+    head.settle(SETTLING_STEPS);
     // The first frame makes all the links at once and is left out.
     for frame in 0..=n_frames {
         for _ in 0..STEPS_PER_FRAME {

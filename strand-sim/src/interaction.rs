@@ -10,7 +10,7 @@ pub mod repulsion;
 pub mod stiction;
 
 use collision::segment_pair::{Segment, closest_points};
-use collision::spatial_hash::{Pair, PairList, SegmentBox, SegmentGrid};
+use collision::spatial_hash::{Pair, PairList, SegmentGrid, Sweep};
 use nalgebra::Vector3;
 
 pub use collide::{CollideParams, CollisionReport, CollisionWorkspace, collide, passes};
@@ -118,20 +118,50 @@ pub struct Near {
 pub struct NearPairs {
     grid: SegmentGrid,
     list: PairList<Near>,
+    /// Reach of each segment, cm.
+    reach: Vec<f64>,
 }
 
 impl NearPairs {
     /// Finds the pairs closer than `reach_cm`. Strands with a position that is not finite are near nothing there.
     pub fn find(&mut self, strands: &Strands, reach_cm: f64) {
-        self.grid.rebuild(strands.n_segments(), |i| SegmentBox::around(&strands.segment(i), 0.5 * reach_cm));
-        let reach2 = reach_cm * reach_cm;
-        self.grid.collect(&mut self.list, |i, j| {
-            if !strands.may_meet(i, j) {
-                return None;
-            }
-            let c = closest_points(&strands.segment(i), &strands.segment(j));
-            (c.distance2 < reach2).then_some(Near { s: c.s, t: c.t, offset: c.offset })
-        });
+        self.reach.clear();
+        self.reach.resize(strands.n_segments(), reach_cm);
+        self.find_within_reach(strands);
+    }
+
+    /// Finds the pairs closer than a thickness, and those that may link: within the distance at which links are made, with
+    /// room for one more on both segments. In hair that sticks already these are few.
+    pub fn find_to_link(&mut self, strands: &Strands, links: &LinkSet, params: &StictionParams, thickness_cm: f64) {
+        self.reach.clear();
+        self.reach.resize(strands.n_segments(), 0.0);
+        // First the number held, then the reach that follows from it.
+        for link in links.links() {
+            self.reach[link.i as usize] += 1.0;
+            self.reach[link.j as usize] += 1.0;
+        }
+        let most = params.max_links as f64;
+        let longest = params.make_cm.max(thickness_cm);
+        self.reach.iter_mut().for_each(|r| *r = if *r < most { longest } else { thickness_cm });
+        self.find_within_reach(strands);
+    }
+
+    fn find_within_reach(&mut self, strands: &Strands) {
+        let Self { grid, list, reach } = self;
+        let longest = reach.iter().fold(0.0_f64, |a, &b| a.max(b));
+        grid.rebuild(strands.n_segments(), longest, |i| Sweep::still(strands.segment(i)));
+        grid.collect_within(
+            list,
+            |i| reach[i],
+            |i, j| {
+                if !strands.may_meet(i, j) {
+                    return None;
+                }
+                let c = closest_points(&strands.segment(i), &strands.segment(j));
+                let reach = reach[i].min(reach[j]);
+                (c.distance2 < reach * reach).then_some(Near { s: c.s, t: c.t, offset: c.offset })
+            },
+        );
     }
 
     /// The pairs found, ascending.

@@ -9,7 +9,7 @@ use super::stiction::LinkSet;
 use super::{FourPoints, Strands, friction_impulse, segment_at};
 use crate::error::Error;
 use collision::segment_pair::{Hit, between, first_crossing};
-use collision::spatial_hash::{PairList, SegmentBox, SegmentGrid};
+use collision::spatial_hash::{PairList, SegmentGrid, Sweep};
 use nalgebra::Vector3;
 
 /// Times the crossings of one sweep are gone through before new ones are looked for.
@@ -168,9 +168,9 @@ fn find_crossings(
     crossings: &mut PairList<()>,
     moved: &[bool],
 ) {
-    grid.rebuild(strands.n_segments(), |i| {
-        let ([a, b], [c, d]) = (strands.segment(i), segment_at(end_position, strands.first_particle(i)));
-        SegmentBox::around(&[a, b, c, d], tolerance_cm)
+    grid.rebuild(strands.n_segments(), tolerance_cm, |i| Sweep {
+        start: strands.segment(i),
+        end: segment_at(end_position, strands.first_particle(i)),
     });
     grid.collect_active(
         crossings,

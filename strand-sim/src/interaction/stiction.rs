@@ -245,22 +245,29 @@ impl LinkSet {
         params: &StictionParams,
         workspace: &mut StictionWorkspace,
     ) -> LinkReport {
-        let before = self.links.len();
+        let broken = self.release(strands, params);
+        let kept = self.links.len();
         let max_links = params.max_links.min(MAX_LINKS);
+        if max_links > 0 {
+            self.make(strands, near, params.make_cm, max_links, workspace);
+        }
+        LinkReport { broken, made: self.links.len() - kept, held: self.links.len() }
+    }
+
+    /// Drops the links that have grown too long, and returns how many: the first half of [`Self::update`], for who wants
+    /// to know what there is room for before looking.
+    pub fn release(&mut self, strands: &Strands, params: &StictionParams) -> usize {
+        let before = self.links.len();
         let break2 = params.break_cm * params.break_cm;
-        if max_links == 0 {
+        if params.max_links == 0 {
             self.links.clear();
         }
         self.links.retain(|link| {
             let points = FourPoints::new(strands, link.i, link.j, link.s, link.t);
             points.difference(strands.position).norm_squared() <= break2
         });
-        let kept = self.links.len();
         self.index(strands.n_segments());
-        if max_links > 0 {
-            self.make(strands, near, params.make_cm, max_links, workspace);
-        }
-        LinkReport { broken: before - kept, made: self.links.len() - kept, held: self.links.len() }
+        before - self.links.len()
     }
 
     fn make(

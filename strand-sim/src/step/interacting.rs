@@ -163,12 +163,15 @@ impl StrandSystem {
         });
         timed(&mut report.collide, || {
             self.gather(state, &mut w.position, |state, _, p, lane| get(&state.position[p], lane), &w.works);
-            let reach = interaction.stiction.make_cm.max(interaction.repulsion.thickness_cm);
-            w.near.find(&Strands::new(self.n_main, &w.position, &w.inv_mass), reach);
+            let strands = Strands::new(self.n_main, &w.position, &w.inv_mass);
+            report.links.broken = links.release(&strands, &interaction.stiction);
+            w.near.find_to_link(&strands, links, &interaction.stiction, interaction.repulsion.thickness_cm);
         });
         timed(&mut report.stick, || {
             let strands = Strands::new(self.n_main, &w.position, &w.inv_mass);
+            let broken = report.links.broken;
             report.links = links.update(&strands, w.near.pairs(), &interaction.stiction, &mut w.stiction);
+            report.links.broken += broken;
             links.springs(&strands, &interaction.stiction, &mut w.springs);
             report.coupled_iterations += self.couple(&interaction.coupled, h, 1.0, w);
         });
