@@ -29,6 +29,7 @@
 //! ```
 
 mod body;
+pub mod ccd;
 pub mod clearance;
 pub mod contact;
 pub mod cull;
@@ -41,6 +42,7 @@ pub mod segment_pair;
 pub mod shapes;
 mod solid;
 pub mod spatial_hash;
+pub mod surface;
 mod thickness;
 
 pub use body::MovingBody;

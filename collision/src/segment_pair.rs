@@ -11,6 +11,23 @@ use nalgebra::Vector3;
 /// Both ends of a segment, cm.
 pub type Segment = [Vector3<f64>; 2];
 
+/// A segment at the start and at the end of a step, its ends moving linearly; cm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sweep {
+    /// At the start.
+    pub start: Segment,
+    /// At the end.
+    pub end: Segment,
+}
+
+impl Sweep {
+    /// A segment that stays where it is.
+    #[must_use]
+    pub fn still(segment: Segment) -> Self {
+        Self { start: segment, end: segment }
+    }
+}
+
 /// Squared sine of the angle below which two segments count as parallel: their crossing then lies closer to an end than
 /// any tolerance in use, and the end-to-segment distances stand in for it.
 const PARALLEL_SIN2: f64 = 1e-24;

@@ -10,12 +10,12 @@
 mod pair_list;
 mod sweep;
 
+use crate::segment_pair::Sweep;
 use multiversion::multiversion;
 use rayon::prelude::*;
 use sweep::{CellBlock, EntryBlock, Motion, Query, SweepBox, WIDTH, any};
 
 pub use pair_list::{Pair, PairList};
-pub use sweep::Sweep;
 
 /// Segments handled as one piece of parallel work; fixed, so that results do not depend on the thread count.
 const CHUNK: usize = 1024;

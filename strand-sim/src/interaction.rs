@@ -9,8 +9,8 @@ pub mod collide;
 pub mod repulsion;
 pub mod stiction;
 
-use collision::segment_pair::{Segment, closest_points};
-use collision::spatial_hash::{Pair, PairList, SegmentGrid, Sweep};
+use collision::segment_pair::{Segment, Sweep, closest_points};
+use collision::spatial_hash::{Pair, PairList, SegmentGrid};
 use nalgebra::Vector3;
 
 pub use collide::{CollideParams, CollisionReport, CollisionWorkspace, collide, passes};

@@ -7,7 +7,7 @@
 //! head that moves sweeps them through each other. Invariant: round-off counts against parting, so that no pair that
 //! comes within reach is ever lost.
 
-use crate::segment_pair::Segment;
+use crate::segment_pair::Sweep;
 use nalgebra::Vector3;
 
 /// Candidates compared at once.
@@ -16,23 +16,6 @@ pub(super) const WIDTH: usize = 8;
 /// Round-off of the comparison along an axis of unit sum, as a multiple of the largest coordinate: some sixty roundings
 /// of 2⁻²⁴ each, twice over.
 const ROUND_OFF: f32 = 128.0 / 16_777_216.0;
-
-/// A segment at the start and at the end of a step, its ends moving linearly; cm.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sweep {
-    /// At the start.
-    pub start: Segment,
-    /// At the end.
-    pub end: Segment,
-}
-
-impl Sweep {
-    /// A segment that stays where it is.
-    #[must_use]
-    pub fn still(segment: Segment) -> Self {
-        Self { start: segment, end: segment }
-    }
-}
 
 /// An axis-aligned box, cm, rounded outward to `f32`.
 #[derive(Clone, Copy, Debug, PartialEq)]

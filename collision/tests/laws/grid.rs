@@ -1,8 +1,8 @@
 //! The hashed grid against all pairs tried one by one: the same pairs, whatever the sizes and the thread count.
 
 use crate::random::Random;
-use collision::segment_pair::{closest_points, first_crossing};
-use collision::spatial_hash::{PairList, SegmentGrid, Sweep};
+use collision::segment_pair::{Sweep, closest_points, first_crossing};
+use collision::spatial_hash::{PairList, SegmentGrid};
 use nalgebra::Vector3;
 
 /// Distance within which still segments are asked for, cm.

@@ -1,6 +1,7 @@
 //! Laws of the collision crate: distance fields against closed forms and brute force, contacts and interpolation checks
 //! against dense sampling, forces against conservation.
 
+mod ccd;
 mod clearance;
 mod closed_forms;
 mod contact;

@@ -8,8 +8,8 @@
 use super::stiction::LinkSet;
 use super::{FourPoints, Strands, friction_impulse, segment_at};
 use crate::error::Error;
-use collision::segment_pair::{Hit, between, first_crossing};
-use collision::spatial_hash::{PairList, SegmentGrid, Sweep};
+use collision::segment_pair::{Hit, Sweep, between, first_crossing};
+use collision::spatial_hash::{PairList, SegmentGrid};
 use nalgebra::Vector3;
 
 /// Times the crossings of one sweep are gone through before new ones are looked for.

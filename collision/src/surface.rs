@@ -1,0 +1,152 @@
+//! The surface of a solid as triangles, in double precision, with a hierarchy of boxes: what exact tests ask.
+//!
+//! Triangles may move: corners go linearly from a start to an end, as between two keys of an animated mesh. Invariant: the
+//! boxes contain what they stand for after rounding to single precision.
+
+use crate::error::Error;
+use crate::segment_pair::{Closest, Segment, closest_points};
+use nalgebra::Vector3;
+use parry3d::bounding_volume::Aabb;
+use parry3d::math::Vector;
+use parry3d::partitioning::{Bvh, BvhBuildStrategy};
+
+/// Triangles of a solid in its own frame, cm.
+#[derive(Clone, Debug)]
+pub struct Surface {
+    start: Vec<Vector3<f64>>,
+    end: Vec<Vector3<f64>>,
+    triangles: Vec<[u32; 3]>,
+    bvh: Bvh,
+}
+
+/// Corners of a triangle, cm.
+pub type Triangle = [Vector3<f64>; 3];
+
+impl Surface {
+    /// A surface that does not change its shape.
+    ///
+    /// # Errors
+    /// [`Error::NonFiniteVertex`], [`Error::UnknownVertex`], or [`Error::EmptyMesh`] where there is no triangle.
+    pub fn new(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Result<Self, Error> {
+        Self::moving(positions, positions, triangles)
+    }
+
+    /// A surface whose corners go linearly from one place to another over the step.
+    ///
+    /// # Errors
+    /// As [`Self::new`], and [`Error::Unusable`] if the two shapes differ in their number of vertices.
+    pub fn moving(start: &[[f32; 3]], end: &[[f32; 3]], triangles: &[[u32; 3]]) -> Result<Self, Error> {
+        let n_vertices = start.len();
+        if end.len() != n_vertices {
+            return Err(Error::Unusable {
+                reason: format!("{n_vertices} vertices at the start of the step and {} at its end", end.len()),
+            });
+        }
+        for positions in [start, end] {
+            if let Some(vertex) = positions.iter().position(|p| !p.iter().all(|x| x.is_finite())) {
+                return Err(Error::NonFiniteVertex { vertex, position: positions[vertex] });
+            }
+        }
+        for (triangle, corners) in triangles.iter().enumerate() {
+            if let Some(&vertex) = corners.iter().find(|&&v| v as usize >= n_vertices) {
+                return Err(Error::UnknownVertex { triangle, vertex, n_vertices });
+            }
+        }
+        if triangles.is_empty() {
+            return Err(Error::EmptyMesh { n_vertices, n_triangles: 0 });
+        }
+        let corner =
+            |positions: &[[f32; 3]]| -> Vec<_> { positions.iter().map(|p| Vector3::from(*p).cast::<f64>()).collect() };
+        let leaves = triangles.iter().enumerate().map(|(i, t)| {
+            let points = t.iter().flat_map(|&v| [start[v as usize], end[v as usize]]);
+            let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+            for p in points {
+                for c in 0..3 {
+                    (low[c], high[c]) = (low[c].min(p[c]), high[c].max(p[c]));
+                }
+            }
+            (i, Aabb::new(Vector::new(low[0], low[1], low[2]), Vector::new(high[0], high[1], high[2])))
+        });
+        let bvh = Bvh::from_iter(BvhBuildStrategy::Binned, leaves);
+        Ok(Self { start: corner(start), end: corner(end), triangles: triangles.to_vec(), bvh })
+    }
+
+    /// Number of triangles.
+    #[must_use]
+    pub fn n_triangles(&self) -> usize {
+        self.triangles.len()
+    }
+
+    /// Corners of a triangle at the start and at the end of the step.
+    #[must_use]
+    pub fn corners(&self, triangle: usize) -> [Triangle; 2] {
+        let corners = self.triangles[triangle].map(|v| v as usize);
+        [corners.map(|v| self.start[v]), corners.map(|v| self.end[v])]
+    }
+
+    /// Triangles whose boxes over the step come within `margin` cm of the box from `low` to `high`.
+    pub(crate) fn triangles_near<'a>(
+        &'a self,
+        low: Vector3<f64>,
+        high: Vector3<f64>,
+        margin: f64,
+    ) -> impl Iterator<Item = u32> + 'a {
+        let down = |x: f64| ((x - margin) as f32).next_down();
+        let up = |x: f64| ((x + margin) as f32).next_up();
+        let low = Vector::new(down(low.x), down(low.y), down(low.z));
+        let high = Vector::new(up(high.x), up(high.y), up(high.z));
+        self.bvh.leaves(move |node| {
+            let (a, b) = (node.mins(), node.maxs());
+            a.x <= high.x && a.y <= high.y && a.z <= high.z && low.x <= b.x && low.y <= b.y && low.z <= b.z
+        })
+    }
+
+    /// Whether a segment, in the surface's frame at the start of the step, touches or pierces it.
+    #[must_use]
+    pub fn is_hit_by(&self, segment: &Segment) -> bool {
+        let (low, high) = (segment[0].inf(&segment[1]), segment[0].sup(&segment[1]));
+        self.triangles_near(low, high, 0.0)
+            .any(|t| closest_to_triangle(segment, &self.corners(t as usize)[0]).distance2 <= 0.0)
+    }
+}
+
+/// The closest points of a segment and a triangle: `s` is the place on the segment, `offset` goes from the triangle to the
+/// segment, `t` is not used. A segment through the triangle is at no distance.
+pub(crate) fn closest_to_triangle(segment: &Segment, triangle: &Triangle) -> Closest {
+    let [a, b, c] = *triangle;
+    let normal = (b - a).cross(&(c - a));
+    let heights = segment.map(|x| normal.dot(&(x - a)));
+    if heights[0] * heights[1] <= 0.0 && heights[0] != heights[1] {
+        let s = heights[0] / (heights[0] - heights[1]);
+        let x = segment[0] + (segment[1] - segment[0]) * s;
+        if is_above(&x, triangle, &normal) {
+            return Closest { s, t: 0.0, offset: Vector3::zeros(), distance2: 0.0 };
+        }
+    }
+    let mut best = Closest { s: 0.0, t: 0.0, offset: Vector3::zeros(), distance2: f64::INFINITY };
+    for (p, q) in [(a, b), (b, c), (c, a)] {
+        let found = closest_points(segment, &[p, q]);
+        if found.distance2 < best.distance2 {
+            best = Closest { offset: -found.offset, ..found };
+        }
+    }
+    // An end over the face is nearer to it than to any edge.
+    let normal2 = normal.norm_squared();
+    for (k, x) in segment.iter().enumerate() {
+        if normal2 > 0.0 && is_above(x, triangle, &normal) {
+            let distance2 = heights[k] * heights[k] / normal2;
+            if distance2 < best.distance2 {
+                best = Closest { s: k as f64, t: 0.0, offset: normal * (heights[k] / normal2), distance2 };
+            }
+        }
+    }
+    best
+}
+
+/// Whether a point lies over a triangle, seen along its normal; the border counts.
+fn is_above(x: &Vector3<f64>, triangle: &Triangle, normal: &Vector3<f64>) -> bool {
+    (0..3).all(|k| {
+        let (p, q) = (triangle[k], triangle[(k + 1) % 3]);
+        normal.dot(&(q - p).cross(&(x - p))) >= 0.0
+    })
+}
