@@ -11,6 +11,7 @@
 //! Centimetre, gram, second. Everything here is a function of its parameters and seed: the same bytes on any machine
 //! with the same floating-point library, for any thread count.
 
+pub mod comb_sweeps;
 mod error;
 pub mod full_space;
 pub mod grooms;

@@ -103,6 +103,7 @@ impl Stage {
             solids: &[],
             forces: &[],
             deforming: &[],
+            surfaces: &[],
             drives,
             wind: None,
         };

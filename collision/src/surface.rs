@@ -5,7 +5,8 @@
 
 use crate::error::Error;
 use crate::segment_pair::{Closest, Segment, closest_points};
-use nalgebra::Vector3;
+use crate::solid::SolidPose;
+use nalgebra::{Point3, Vector3};
 use parry3d::bounding_volume::Aabb;
 use parry3d::math::Vector;
 use parry3d::partitioning::{Bvh, BvhBuildStrategy};
@@ -18,6 +19,18 @@ pub struct Surface {
     triangles: Vec<[u32; 3]>,
     bvh: Bvh,
 }
+
+/// A surface on its way through a step.
+#[derive(Clone, Copy, Debug)]
+pub struct MovingSurface<'a> {
+    /// What moves.
+    pub surface: &'a Surface,
+    /// From where to where.
+    pub pose: SolidPose,
+}
+
+/// Round-off of a corner's place anywhere in a scene, cm.
+const ROUND_OUT_CM: f64 = 1e-6;
 
 /// Corners of a triangle, cm.
 pub type Triangle = [Vector3<f64>; 3];
@@ -99,6 +112,35 @@ impl Surface {
             let (a, b) = (node.mins(), node.maxs());
             a.x <= high.x && a.y <= high.y && a.z <= high.z && low.x <= b.x && low.y <= b.y && low.z <= b.z
         })
+    }
+
+    /// Distance of a segment, in the surface's frame at the start of the step, cm; infinite where it exceeds `at_most`.
+    #[must_use]
+    pub fn distance_within(&self, segment: &Segment, at_most: f64) -> f64 {
+        let (low, high) = (segment[0].inf(&segment[1]), segment[0].sup(&segment[1]));
+        let nearest2 = self
+            .triangles_near(low, high, at_most)
+            .map(|t| closest_to_triangle(segment, &self.corners(t as usize)[0]).distance2)
+            .fold(f64::INFINITY, f64::min);
+        if nearest2 <= at_most * at_most { nearest2.sqrt() } else { f64::INFINITY }
+    }
+
+    /// Box (world, cm) that holds the surface all through a step, carried by `pose`.
+    #[must_use]
+    pub fn bounds_over(&self, pose: &SolidPose) -> [Vector3<f64>; 2] {
+        let root = self.bvh.root_aabb();
+        let corners = root.vertices().map(|v| Point3::new(f64::from(v.x), f64::from(v.y), f64::from(v.z)));
+        let (mut low, mut high) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
+        for corner in corners {
+            for place in [pose.from * corner, pose.to * corner] {
+                (low, high) = (low.inf(&place.coords), high.sup(&place.coords));
+            }
+        }
+        // Corners turn about an origin that goes straight: they leave the chord by no more than the arc's height.
+        let arm = corners.iter().map(|c| c.coords.norm()).fold(0.0, f64::max);
+        let turn = (pose.to.rotation * pose.from.rotation.inverse()).angle();
+        let bulge = Vector3::repeat(arm * (1.0 - (0.5 * turn).cos()) + ROUND_OUT_CM);
+        [low - bulge, high + bulge]
     }
 
     /// Whether a segment, in the surface's frame at the start of the step, touches or pierces it.

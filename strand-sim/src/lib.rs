@@ -38,6 +38,7 @@ mod step;
 mod step_size;
 pub mod stiffness;
 mod strain_limit;
+mod surface_contact;
 mod system;
 mod watch;
 pub mod wind;

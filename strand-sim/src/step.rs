@@ -15,9 +15,11 @@ use crate::rig::Topology;
 use crate::solve::banded::BandedMatrix;
 use crate::step_size::{Substeps, count_substeps};
 use crate::strain_limit::limit_strain;
+use crate::surface_contact::SurfaceWork;
 use crate::system::{Batch, BatchState, StrandState, StrandSystem, get, set, transform};
 use crate::watch::View;
 use crate::wind::WindField;
+use collision::surface::MovingSurface;
 use collision::{MovingBody, MovingDeformingSolid, MovingSolid};
 use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
@@ -99,6 +101,9 @@ pub struct StepInput<'a> {
     pub solids: &'a [MovingSolid<'a>],
     /// Deforming bodies with their motion over the step.
     pub deforming: &'a [MovingDeformingSolid<'a>],
+    /// Surfaces that no segment may go through on its way, with their motion over the step: exact, after contact with the
+    /// fields of solids, which takes fast and thin ones for absent. Usually those of some of the solids.
+    pub surfaces: &'a [MovingSurface<'a>],
     /// Further forces on the hair's own particles, strand-major, dyn; held over the step. Empty for none.
     pub forces: &'a [Vector3<f64>],
     /// Particles pinned or driven beyond the roots, ordered by strand.
@@ -112,7 +117,17 @@ impl StepInput<'_> {
     #[must_use]
     pub fn carried(dt: f64, before: Isometry3<f64>, after: Isometry3<f64>) -> Self {
         let roots = RootMotion::Head { before, after };
-        Self { dt, time_s: 0.0, roots, solids: &[], deforming: &[], forces: &[], drives: &[], wind: None }
+        Self {
+            dt,
+            time_s: 0.0,
+            roots,
+            solids: &[],
+            deforming: &[],
+            surfaces: &[],
+            forces: &[],
+            drives: &[],
+            wind: None,
+        }
     }
 
     /// A step of `dt` seconds with the head held at a pose.
@@ -129,6 +144,10 @@ pub struct StepReport {
     pub substeps: u32,
     /// Segment contacts handled, summed over substeps.
     pub contacts: u64,
+    /// Touches of surfaces answered, summed over substeps.
+    pub touches: u32,
+    /// Segments left going through a surface, summed over substeps.
+    pub passing: u32,
     /// Strands whose state was not finite and was put back at rest.
     pub quarantined: u32,
 }
@@ -148,14 +167,15 @@ pub(crate) struct Work {
     /// Positions that elastic forces are taken at, per rig particle.
     start: Vec<Lane3>,
     /// Where the solve leads, per rig particle.
-    next: Vec<Lane3>,
-    next_velocity: Vec<Lane3>,
+    pub(crate) next: Vec<Lane3>,
+    pub(crate) next_velocity: Vec<Lane3>,
     air: Vec<Lane3>,
     /// Contacts with solids that strands close in on: part of the solve.
     pub(crate) contacts: Vec<Contact>,
     /// The others, watched in case the step ends in the solid all the same.
     pub(crate) watched: Vec<Contact>,
-    driven: Vec<Driven>,
+    pub(crate) driven: Vec<Driven>,
+    pub(crate) surface: SurfaceWork,
     pub(crate) view: View,
     report: StepReport,
 }
@@ -208,6 +228,7 @@ impl StrandSystem {
                         self.predict(batch, state, input, params, span, work);
                         self.rub(batch, params.scheme.solve_length(span.h), work);
                         self.advance(batch, state, params, span, work);
+                        self.hold_off(batch, state, input, span, work);
                         if params.scheme.is_two_solves() {
                             self.evolve(batch, state, input, params, span, work);
                             self.rub(batch, params.scheme.solve_length(span.h), work);
@@ -221,6 +242,8 @@ impl StrandSystem {
         let sum = StepReport { substeps: n_substeps as u32, ..StepReport::default() };
         workspace.slots[..n_used].iter().fold(sum, |sum, work| StepReport {
             contacts: sum.contacts + work.report.contacts,
+            touches: sum.touches + work.report.touches,
+            passing: sum.passing + work.report.passing,
             quarantined: sum.quarantined + work.report.quarantined,
             ..sum
         })
@@ -287,6 +310,15 @@ impl StrandSystem {
             for c in 0..3 {
                 work.next[d.particle][c][d.lane] = state.position[d.particle][c][d.lane] + span.h * d.velocity[c];
             }
+        }
+    }
+
+    /// The last of step 5: nothing goes through a surface.
+    fn hold_off(&self, batch: &Batch, state: &BatchState, input: &StepInput, span: Span, work: &mut Work) {
+        if !input.surfaces.is_empty() {
+            let found = self.stop_at_surfaces(batch, state, input, span, work);
+            work.report.touches += found.answered;
+            work.report.passing += found.unresolved;
         }
     }
 
@@ -489,6 +521,7 @@ impl Work {
             contacts: Vec::with_capacity(n_main),
             watched: Vec::with_capacity(n_main),
             driven: Vec::new(),
+            surface: SurfaceWork::default(),
             view: View::default(),
             report: StepReport::default(),
         }

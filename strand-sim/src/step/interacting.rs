@@ -139,6 +139,8 @@ impl StrandSystem {
         for work in &workspace.works {
             report.step.contacts += work.report.contacts;
             report.step.quarantined += work.report.quarantined;
+            report.step.touches += work.report.touches;
+            report.step.passing += work.report.passing;
         }
         report
     }
@@ -220,7 +222,10 @@ impl StrandSystem {
             }
             let InteractionWorkspace { works, next, velocity, .. } = w;
             let (next, change) = (&*next, &*velocity);
-            self.each_batch(state, works, |batch, state, work| self.scatter(batch, state, work, next, change, two));
+            self.each_batch(state, works, |batch, state, work| {
+                self.scatter(batch, state, work, next, change, two);
+                self.hold_off(batch, state, input, span, work);
+            });
         });
         // Steps 7 to 9.
         if params.scheme.is_two_solves() {
