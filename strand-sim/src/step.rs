@@ -6,7 +6,7 @@
 
 pub mod interacting;
 
-use crate::body_contact::{Contact, ContactParams};
+use crate::body_contact::{Contact, ContactParams, Reaction, Release};
 use crate::drive::{Drive, RootMotion};
 use crate::forces::Implicit;
 use crate::implicit::{self, Driven, Problem};
@@ -155,6 +155,8 @@ pub(crate) struct Work {
     pub(crate) contacts: Vec<Contact>,
     /// The others, watched in case the step ends in the solid all the same.
     pub(crate) watched: Vec<Contact>,
+    /// What they exert, in the same order.
+    reactions: Vec<Reaction>,
     driven: Vec<Driven>,
     pub(crate) view: View,
     report: StepReport,
@@ -251,7 +253,7 @@ impl StrandSystem {
         self.drive_particles(batch, state, input, span, work);
         work.contacts.clear();
         work.watched.clear();
-        self.find_contacts(batch, state, input, &params.contact, span, work);
+        self.find_contacts(batch, state, input, params, span, work);
         work.report.contacts += work.contacts.len() as u64;
         work.start[..n_rig].copy_from_slice(&state.position);
         let h = params.scheme.solve_length(span.h);
@@ -263,13 +265,18 @@ impl StrandSystem {
                 work.move_on(n_rig, h);
             }
         }
+        if work.let_go(h) {
+            self.solve(batch, state, input, params, elastic, h, params.iterations > 1, work);
+        }
     }
 
     /// Friction with solids on the velocities a solve of `h` seconds has found.
     fn rub(&self, batch: &Batch, h: f64, work: &mut Work) {
         let n_kin = self.topologies[batch.topology].n_kinematic;
-        for contact in &work.contacts {
-            contact.apply_friction(n_kin, h, &batch.mass, &mut work.next_velocity);
+        work.reactions.clear();
+        work.reactions.extend(work.contacts.iter().map(|contact| contact.reaction(h, &work.next_velocity)));
+        for (contact, reaction) in work.contacts.iter().zip(&work.reactions) {
+            contact.slow(reaction, n_kin, h, &batch.mass, &mut work.next_velocity);
         }
     }
 
@@ -317,6 +324,9 @@ impl StrandSystem {
         // Positions are known, so elastic forces are too: taking them implicitly would count them twice.
         let known = Implicit { elastic: 0.0, geometric: 0.0, least_tension: 0.0 };
         self.solve(batch, state, input, params, known, h, false, work);
+        if work.let_go(h) {
+            self.solve(batch, state, input, params, known, h, false, work);
+        }
     }
 
     /// MS08 §4 step 8, and the new state takes the old one's place.
@@ -486,8 +496,9 @@ impl Work {
             next: vec![[ZERO; 3]; n_rig],
             next_velocity: vec![[ZERO; 3]; n_rig],
             air: Vec::new(),
-            contacts: Vec::with_capacity(n_main),
-            watched: Vec::with_capacity(n_main),
+            contacts: Vec::with_capacity(LANES * n_main),
+            watched: Vec::with_capacity(LANES * n_main),
+            reactions: Vec::with_capacity(LANES * n_main),
             driven: Vec::new(),
             view: View::default(),
             report: StepReport::default(),
@@ -517,6 +528,23 @@ impl Work {
     /// Keeps a contact of a strand that closes in on a solid, or of one that only lies near it.
     pub(crate) fn add_contact(&mut self, contact: Contact, is_closing: bool) {
         if is_closing { self.contacts.push(contact) } else { self.watched.push(contact) }
+    }
+
+    /// Releases the contacts that a solve of `h` seconds asked more of than a surface can exert; returns whether any is.
+    /// One more solve is then enough: what it asks too much of again is a matter of the next substep.
+    fn let_go(&mut self, h: f64) -> bool {
+        let Self { contacts, watched, next_velocity, .. } = self;
+        let mut any = false;
+        contacts.retain_mut(|contact| {
+            let release = contact.cannot(&contact.reaction(h, next_velocity));
+            any |= release.is_some();
+            contact.grip = if release.is_some() { 0.0 } else { contact.grip };
+            if release == Some(Release::Leaves) {
+                watched.push(*contact);
+            }
+            release != Some(Release::Leaves)
+        });
+        any
     }
 
     /// Orders contacts as the solve takes them.
