@@ -57,8 +57,11 @@ pub struct Contact {
     pub solid_velocity: Vector3<f64>,
     /// Coulomb coefficient.
     pub friction: f64,
-    /// Damping across the normal of a contact that is to stick, dyn·s/cm; zero of one that slides.
+    /// Damping across the normal, dyn·s/cm, by which friction acts in the solve; zero of a contact that slides, which is
+    /// slowed after it.
     pub grip: f64,
+    /// Speed across the normal that friction would leave a lone particle, cm/s; positive.
+    pub slip: f64,
     /// Velocity that prescribed ends contribute at the contact, cm/s.
     pub known: Vector3<f64>,
 }
@@ -66,6 +69,13 @@ pub struct Contact {
 /// Damping across the normal of a contact that sticks, as a multiple of a particle's m/h: what would slide by g h² a
 /// substep creeps by a hundred-thousandth of it.
 const GRIP_OVER_INERTIA: f64 = 1e5;
+
+/// Friction is asked to stop what slides up to this often as fast as a lone particle that it could stop: particles bear more
+/// than their own weight, that of the perturbed ones beside them or a load that bends the hair.
+const CARRIED: f64 = 3.0;
+
+/// Least slip of a contact that is torn from where it stuck, as a share of the speed that friction stops in a substep.
+const CREEP: f64 = 0.02;
 
 /// How far a contact may draw a strand back before it is let go, cm: a twentieth of a hair's weight.
 const PULLED_CM: f64 = 1e-5;
@@ -327,9 +337,10 @@ impl Strands<'_> {
         let free = now + self.acceleration(&near, lane, ends) * h;
         // Speed into the solid that the contact has to take away.
         let pressed = -(near.gap / h + near.normal.dot(&free));
-        let sliding = found.across(now - solid_velocity);
-        if sliding.norm_squared() < (friction * pressed.max(0.0)).powi(2) {
+        let stopped = friction * pressed.max(0.0);
+        if found.across(now - solid_velocity).norm_squared() < (CARRIED * stopped).powi(2) {
             found.grip = GRIP_OVER_INERTIA * mass / h;
+            found.slip = (found.across(free - solid_velocity).norm() - stopped).max(CREEP * stopped);
         }
         work.add_contact(found, pressed > 0.0);
     }
@@ -395,6 +406,7 @@ impl Contact {
             solid_velocity,
             friction,
             grip: 0.0,
+            slip: 0.0,
             known: Vector3::zeros(),
         }
     }
@@ -449,10 +461,10 @@ impl Contact {
     #[inline(always)]
     pub fn add_to(&self, n_fixed: usize, h: f64, matrix: &mut BandedMatrix, rhs: &mut [Lane]) {
         let known = h * self.normal.dot(&self.known);
+        let mut push = self.normal * (-h * self.stiffness * (self.gap + known));
         // h² k n nᵀ + h c (I - n nᵀ)
         let around = h * self.grip;
         let along = h * h * self.stiffness - around;
-        let mut push = self.normal * (-h * self.stiffness * (self.gap + known));
         if self.grip > 0.0 {
             push += self.across(self.solid_velocity - self.known) * around;
         }
@@ -486,18 +498,18 @@ impl Contact {
     pub(crate) fn reaction(&self, h: f64, velocity: &[Lane3]) -> Reaction {
         let at = self.velocity(velocity);
         let pressing = -self.stiffness * (self.gap + h * self.normal.dot(&at));
-        let sliding = self.across(at - self.solid_velocity);
-        Reaction { pressing, gripping: sliding * -self.grip }
+        let gripping = if self.grip > 0.0 { self.grip * self.across(at - self.solid_velocity).norm() } else { 0.0 };
+        Reaction { pressing, gripping }
     }
 
-    /// Whether a surface cannot exert this: it does not pull, nor grip by more than Coulomb allows.
+    /// What a surface exerts in place of a reaction that it cannot: it does not pull, nor grip by more than Coulomb allows.
     #[inline(always)]
-    pub(crate) fn cannot(&self, Reaction { pressing, gripping }: &Reaction) -> Option<Release> {
+    pub(crate) fn release(&self, Reaction { pressing, gripping }: &Reaction) -> Release {
         if *pressing < -self.stiffness * PULLED_CM {
-            return Some(Release::Leaves);
+            return Release::Leaves;
         }
-        let is_torn = gripping.norm_squared() > (self.friction * pressing.max(0.0)).powi(2);
-        (self.grip > 0.0 && is_torn).then_some(Release::Slides)
+        let most = self.friction * pressing.max(0.0);
+        if *gripping > most { Release::Slides { grip: most / self.slip } } else { Release::Stays }
     }
 
     /// Slows what slides, on velocities that a solve of `h` seconds has found with this reaction.
@@ -562,13 +574,15 @@ impl Contact {
     }
 }
 
-/// What becomes of a contact that a solve asked too much of.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// What becomes of a contact after a solve.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Release {
+    /// Nothing.
+    Stays,
     /// The strand leaves the surface.
     Leaves,
-    /// It slides on it.
-    Slides,
+    /// It slides on it, against a damping (dyn·s/cm) that at its slip exerts what Coulomb allows.
+    Slides { grip: f64 },
 }
 
 /// What a contact exerts on its strand.
@@ -576,6 +590,6 @@ pub(crate) enum Release {
 pub(crate) struct Reaction {
     /// Along the outward normal, dyn; negative where it pulls.
     pressing: f64,
-    /// Across it, by the grip, dyn.
-    gripping: Vector3<f64>,
+    /// Size of what the grip exerts across it, dyn.
+    gripping: f64,
 }

@@ -536,13 +536,14 @@ impl Work {
         let Self { contacts, watched, next_velocity, .. } = self;
         let mut any = false;
         contacts.retain_mut(|contact| {
-            let release = contact.cannot(&contact.reaction(h, next_velocity));
-            any |= release.is_some();
-            contact.grip = if release.is_some() { 0.0 } else { contact.grip };
-            if release == Some(Release::Leaves) {
-                watched.push(*contact);
+            let release = contact.release(&contact.reaction(h, next_velocity));
+            any |= release != Release::Stays;
+            match release {
+                Release::Stays => {}
+                Release::Leaves => watched.push(*contact),
+                Release::Slides { grip } => contact.grip = grip,
             }
-            release != Some(Release::Leaves)
+            release != Release::Leaves
         });
         any
     }
