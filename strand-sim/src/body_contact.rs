@@ -4,6 +4,7 @@
 //! deepest point of a segment acts on its two ends by barycentric weight. The penalty is k n nᵀ on two neighbouring
 //! particles, so it stays within the band and its stiffness is bounded by accuracy, not by the step.
 
+use crate::bearing::Bearings;
 use crate::lanes::{LANES, Lane, Lane3};
 use crate::rig::Topology;
 use crate::solve::banded::BandedMatrix;
@@ -11,9 +12,7 @@ use crate::step::{Span, StepInput, StepParams, Work};
 use crate::system::{Batch, BatchState, StrandSystem, get, set};
 use crate::watch::{Reach, Sights};
 use collision::friction::slip_factor;
-use collision::{
-    DistanceField, MovingBody, MovingDeformingSolid, MovingSolid, SegmentContact, deepest_between,
-};
+use collision::{DistanceField, MovingBody, MovingDeformingSolid, MovingSolid, SegmentContact, deepest_between};
 use nalgebra::{Isometry3, Vector3};
 
 /// Constants of hair-solid contact.
@@ -266,7 +265,7 @@ impl Strands<'_> {
             let is_first = met.segment == first;
             bearing_points(field, met.ends, met.distance, spacing, met.reach, is_first, |hit| {
                 let near = NearPoint::new(met.segment, hit, &world_from_solid, params);
-                self.add_contact(near, met.lane, motion, |at| solid_motion.at(at), friction, work);
+                self.add_contact(near, met.lane, motion, |at| solid_motion.at(at), friction, &mut state.bearings, work);
             });
         });
         work.view = view;
@@ -303,7 +302,7 @@ impl Strands<'_> {
             let visit = |i: usize, ends: [Vector3<f32>; 2], distance: [f32; 2], reach: f32| {
                 bearing_points(field, ends, distance, spacing, reach, i == first, |hit| {
                     let near = NearPoint::new(i, hit, &world_from_solid, params);
-                    self.add_contact(near, lane, motion, velocity_at, friction, work);
+                    self.add_contact(near, lane, motion, velocity_at, friction, &mut state.bearings, work);
                 });
             };
             let clear = near_segments(first..n_main, position, field, &solid_from_world, watched, visit);
@@ -313,7 +312,8 @@ impl Strands<'_> {
     }
 
     /// Keeps the contact of one lane at a point near a solid: in the solve if it would be at the surface within the substep
-    /// with no force but those from outside, and to stick if that presses it on hard enough to stop it.
+    /// with no force but those from outside (by its own velocity alone if it pulled when last solved for), and to stick if
+    /// friction might stop it.
     #[inline(always)]
     fn add_contact(
         &self,
@@ -322,6 +322,7 @@ impl Strands<'_> {
         [position, velocity]: [&[Lane3]; 2],
         velocity_of_solid: impl Fn(Vector3<f64>) -> Vector3<f64>,
         friction: f64,
+        bearings: &mut Bearings,
         work: &mut Work,
     ) {
         let (topology, h) = (self.topology, self.span.h);
@@ -337,12 +338,17 @@ impl Strands<'_> {
         let free = now + self.acceleration(&near, lane, ends) * h;
         // Speed into the solid that the contact has to take away.
         let pressed = -(near.gap / h + near.normal.dot(&free));
-        let stopped = friction * pressed.max(0.0);
-        if found.across(now - solid_velocity).norm_squared() < (CARRIED * stopped).powi(2) {
-            found.grip = GRIP_OVER_INERTIA * mass / h;
-            found.slip = (found.across(free - solid_velocity).norm() - stopped).max(CREEP * stopped);
+        let (pulled, torn) = bearings.of(&found);
+        if pressed <= 0.0 || (pulled && !near.is_closing(now, h)) {
+            work.watched.push(found);
+            return;
         }
-        work.add_contact(found, pressed > 0.0);
+        let stopped = friction * pressed;
+        if found.across(now - solid_velocity).norm_squared() < (CARRIED * stopped).powi(2) {
+            found.slip = (found.across(free - solid_velocity).norm() - stopped).max(CREEP * stopped);
+            found.grip = if torn > 0.0 { torn / found.slip } else { GRIP_OVER_INERTIA * mass / h };
+        }
+        work.contacts.push(found);
     }
 
     /// Acceleration that gravity and outside forces give at a point, cm/s².
@@ -502,14 +508,10 @@ impl Contact {
         Reaction { pressing, gripping }
     }
 
-    /// What a surface exerts in place of a reaction that it cannot: it does not pull, nor grip by more than Coulomb allows.
+    /// Whether a solve has the contact draw the strand back, which no surface does.
     #[inline(always)]
-    pub(crate) fn release(&self, Reaction { pressing, gripping }: &Reaction) -> Release {
-        if *pressing < -self.stiffness * PULLED_CM {
-            return Release::Leaves;
-        }
-        let most = self.friction * pressing.max(0.0);
-        if *gripping > most { Release::Slides { grip: most / self.slip } } else { Release::Stays }
+    pub(crate) fn is_pulled(&self, reaction: &Reaction) -> bool {
+        reaction.pressing < -self.stiffness * PULLED_CM
     }
 
     /// Slows what slides, on velocities that a solve of `h` seconds has found with this reaction.
@@ -574,22 +576,11 @@ impl Contact {
     }
 }
 
-/// What becomes of a contact after a solve.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Release {
-    /// Nothing.
-    Stays,
-    /// The strand leaves the surface.
-    Leaves,
-    /// It slides on it, against a damping (dyn·s/cm) that at its slip exerts what Coulomb allows.
-    Slides { grip: f64 },
-}
-
 /// What a contact exerts on its strand.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Reaction {
     /// Along the outward normal, dyn; negative where it pulls.
-    pressing: f64,
+    pub pressing: f64,
     /// Size of what the grip exerts across it, dyn.
-    gripping: f64,
+    pub gripping: f64,
 }

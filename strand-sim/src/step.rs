@@ -6,7 +6,8 @@
 
 pub mod interacting;
 
-use crate::body_contact::{Contact, ContactParams, Reaction, Release};
+use crate::bearing::Bearings;
+use crate::body_contact::{Contact, ContactParams, Reaction};
 use crate::drive::{Drive, RootMotion};
 use crate::forces::Implicit;
 use crate::implicit::{self, Driven, Problem};
@@ -265,7 +266,7 @@ impl StrandSystem {
                 work.move_on(n_rig, h);
             }
         }
-        if work.let_go(h) {
+        if work.let_go(&mut state.bearings, h) {
             self.solve(batch, state, input, params, elastic, h, params.iterations > 1, work);
         }
     }
@@ -301,7 +302,7 @@ impl StrandSystem {
     fn evolve(
         &self,
         batch: &Batch,
-        state: &BatchState,
+        state: &mut BatchState,
         input: &StepInput,
         params: &StepParams,
         span: Span,
@@ -324,7 +325,7 @@ impl StrandSystem {
         // Positions are known, so elastic forces are too: taking them implicitly would count them twice.
         let known = Implicit { elastic: 0.0, geometric: 0.0, least_tension: 0.0 };
         self.solve(batch, state, input, params, known, h, false, work);
-        if work.let_go(h) {
+        if work.let_go(&mut state.bearings, h) {
             self.solve(batch, state, input, params, known, h, false, work);
         }
     }
@@ -470,6 +471,7 @@ impl StrandSystem {
             for clearance in &mut state.clearance {
                 clearance[lane] = -1.0;
             }
+            state.bearings.forget(lane);
             work.report.quarantined += 1;
         }
     }
@@ -525,27 +527,29 @@ impl Work {
         }
     }
 
-    /// Keeps a contact of a strand that closes in on a solid, or of one that only lies near it.
-    pub(crate) fn add_contact(&mut self, contact: Contact, is_closing: bool) {
-        if is_closing { self.contacts.push(contact) } else { self.watched.push(contact) }
-    }
-
-    /// Releases the contacts that a solve of `h` seconds asked more of than a surface can exert; returns whether any is.
-    /// One more solve is then enough: what it asks too much of again is a matter of the next substep.
-    fn let_go(&mut self, h: f64) -> bool {
-        let Self { contacts, watched, next_velocity, .. } = self;
-        let mut any = false;
-        contacts.retain_mut(|contact| {
-            let release = contact.release(&contact.reaction(h, next_velocity));
-            any |= release != Release::Stays;
-            match release {
-                Release::Stays => {}
-                Release::Leaves => watched.push(*contact),
-                Release::Slides { grip } => contact.grip = grip,
+    /// Remembers what a solve of `h` seconds has found of the contacts; returns whether to solve again, since some are torn
+    /// from where they stuck. The strands that are so let go of what they would pull at, too.
+    fn let_go(&mut self, bearings: &mut Bearings, h: f64) -> bool {
+        let Self { contacts, watched, reactions, next_velocity, .. } = self;
+        reactions.clear();
+        reactions.extend(contacts.iter().map(|contact| contact.reaction(h, next_velocity)));
+        let mut torn = 0_u8;
+        for (contact, reaction) in contacts.iter_mut().zip(reactions.iter()) {
+            torn |= u8::from(bearings.learn(contact, reaction)) << contact.lane;
+        }
+        if torn == 0 {
+            return false;
+        }
+        let mut reaction = reactions.iter();
+        contacts.retain(|contact| {
+            let is_pulled = reaction.next().is_some_and(|r| contact.is_pulled(r));
+            let leaves = is_pulled && torn >> contact.lane & 1 != 0;
+            if leaves {
+                watched.push(*contact);
             }
-            release != Release::Leaves
+            !leaves
         });
-        any
+        true
     }
 
     /// Orders contacts as the solve takes them.

@@ -83,7 +83,10 @@ fn hair_at_rest_on_a_ball_stays_out_along_its_length() {
     for radius in [5.0, 8.0] {
         let r = rest_on_ball(radius);
         let offset = StepParams::standard().contact.offset_cm;
-        println!("{radius} cm: nearest {}, mean {} cm, strain {}, contacts {}", r.least_cm, r.mean_cm, r.strain, r.contacts);
+        println!(
+            "{radius} cm: nearest {}, mean {} cm, strain {}, contacts {}",
+            r.least_cm, r.mean_cm, r.strain, r.contacts
+        );
         assert!(r.least_cm > offset - BELOW_CM, "{radius} cm: a sample at {} cm", r.least_cm);
         assert!((r.mean_cm - offset).abs() < LIES_CM, "{radius} cm: hair was to lie on the ball: {} cm", r.mean_cm);
         assert!(r.strain < STRAIN, "{radius} cm: a segment strained by {}", r.strain);
@@ -141,7 +144,7 @@ fn hair_slides_down_a_steep_slope_as_coulomb_has_it() {
     /// Share of the theory: the held root's waves alone make 1.06 of it without friction.
     const SHARE: f64 = 0.09;
     /// Share of what gravity alone gives, for slopes that friction nearly holds.
-    const NEARLY_HELD_SHARE: f64 = 0.05;
+    const NEARLY_HELD_SHARE: f64 = 0.06;
     const SECONDS: f64 = 0.1;
     let check = |friction: f32, slope: f64, share_of_theory: bool| {
         let angle = f64::atan(slope);
