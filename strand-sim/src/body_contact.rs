@@ -344,9 +344,13 @@ impl Strands<'_> {
             return;
         }
         let stopped = friction * pressed;
-        if found.across(now - solid_velocity).norm_squared() < (CARRIED * stopped).powi(2) {
-            found.slip = (found.across(free - solid_velocity).norm() - stopped).max(CREEP * stopped);
-            found.grip = if torn > 0.0 { torn / found.slip } else { GRIP_OVER_INERTIA * mass / h };
+        let is_slow = found.across(now - solid_velocity).norm_squared() < (CARRIED * stopped).powi(2);
+        found.slip = (found.across(free - solid_velocity).norm() - stopped).max(CREEP * stopped);
+        if torn > 0.0 {
+            // What an impact allowed is no measure of what follows it.
+            found.grip = torn.min(CARRIED * stopped * mass / h) / found.slip;
+        } else if is_slow {
+            found.grip = GRIP_OVER_INERTIA * mass / h;
         }
         work.contacts.push(found);
     }
