@@ -1,4 +1,4 @@
-//! Contact of strand segments with solids: penalty inside the implicit matrix, friction after it (AS16 §5.1, §7.1).
+//! Contact of strand segments with solids: penalty and sticking inside the implicit matrix (AS16 §5.1, §7.1).
 //!
 //! A strand is tested along its segments, since a comb's tooth is thinner than the spacing of particles; the force at the
 //! deepest point of a segment acts on its two ends by barycentric weight. The penalty is k n nᵀ on two neighbouring
