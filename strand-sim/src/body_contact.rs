@@ -1,19 +1,18 @@
-//! Contact of strand segments with solids: penalty inside the implicit matrix, friction after it (AS16 §5.1, §7.1).
+//! Contact of strand segments with solids: penalty and sticking inside the implicit matrix (AS16 §5.1, §7.1).
 //!
 //! A strand is tested along its segments, since a comb's tooth is thinner than the spacing of particles; the force at the
 //! deepest point of a segment acts on its two ends by barycentric weight. The penalty is k n nᵀ on two neighbouring
 //! particles, so it stays within the band and its stiffness is bounded by accuracy, not by the step.
 
+use crate::bearing::Bearings;
 use crate::lanes::{LANES, Lane, Lane3};
 use crate::rig::Topology;
 use crate::solve::banded::BandedMatrix;
-use crate::step::{Span, StepInput, Work};
+use crate::step::{Span, StepInput, StepParams, Work};
 use crate::system::{Batch, BatchState, StrandSystem, get, set};
 use crate::watch::{Reach, Sights};
 use collision::friction::slip_factor;
-use collision::{
-    DistanceField, MovingBody, MovingDeformingSolid, MovingSolid, SegmentContact, deepest_between, deepest_on_segment,
-};
+use collision::{DistanceField, MovingBody, MovingDeformingSolid, MovingSolid, SegmentContact, deepest_between};
 use nalgebra::{Isometry3, Vector3};
 
 /// Constants of hair-solid contact.
@@ -57,9 +56,31 @@ pub struct Contact {
     pub solid_velocity: Vector3<f64>,
     /// Coulomb coefficient.
     pub friction: f64,
+    /// Damping across the normal, dyn·s/cm, by which friction acts in the solve; zero of a contact that slides, which is
+    /// slowed after it.
+    pub grip: f64,
+    /// Speed across the normal that friction would leave a lone particle, cm/s; positive.
+    pub slip: f64,
     /// Velocity that prescribed ends contribute at the contact, cm/s.
     pub known: Vector3<f64>,
 }
+
+/// Damping across the normal of a contact that sticks, as a multiple of a particle's m/h: what would slide by g h² a
+/// substep creeps by a hundred-thousandth of it.
+const GRIP_OVER_INERTIA: f64 = 1e5;
+
+/// Friction is asked to stop what slides up to this often as fast as a lone particle that it could stop: particles bear more
+/// than their own weight, that of the perturbed ones beside them or a load that bends the hair.
+const CARRIED: f64 = 3.0;
+
+/// Least slip of a contact that is torn from where it stuck, as a share of the speed that friction stops in a substep.
+const CREEP: f64 = 0.02;
+
+/// How far a contact may draw a strand back before it is let go, cm: a twentieth of a hair's weight.
+const PULLED_CM: f64 = 1e-5;
+
+/// A point between a segment's ends is a contact of its own where it is deeper than both by this, cm.
+const DEEPER_CM: f32 = 1e-4;
 
 /// Gaps up to this are watched, so that a strand closing in stops at the surface and not behind it, cm.
 const WATCHED_GAP_CM: f64 = 0.1;
@@ -109,8 +130,25 @@ pub fn near_points_in(
     reach: impl Fn(usize) -> f64,
     mut visit: impl FnMut(NearPoint),
 ) -> f64 {
-    let solid_from_world = world_from_solid.inverse();
     let spacing = half_thickness_cm * params.spacing_over_half_thickness as f32;
+    let solid_from_world = world_from_solid.inverse();
+    near_segments(particles, position, field, &solid_from_world, reach, |i, ends, distance, reach| {
+        if let Some(hit) = deepest_between(field, ends, distance, spacing, reach) {
+            visit(NearPoint::new(i, &hit, world_from_solid, params));
+        }
+    })
+}
+
+/// Visits every segment of a strand that may come within its reach of a field, with its ends in the solid's frame and their
+/// distances; returns a lower bound of the strand's distance to the solid, cm.
+fn near_segments(
+    particles: std::ops::Range<usize>,
+    position: impl Fn(usize) -> Vector3<f64>,
+    field: &impl DistanceField,
+    solid_from_world: &Isometry3<f64>,
+    reach: impl Fn(usize) -> f64,
+    mut visit: impl FnMut(usize, [Vector3<f32>; 2], [f32; 2], f32),
+) -> f64 {
     let in_solid = |i: usize| solid_from_world.transform_point(&position(i).into()).coords.cast::<f32>();
     let mut a = in_solid(particles.start);
     let mut distance_a = field.lower_bound(a);
@@ -122,14 +160,39 @@ pub fn near_points_in(
         let least = 0.5 * (distance_a + distance_b - (b - a).norm());
         clear = clear.min(least);
         let reach = reach(i) as f32;
-        if least < reach
-            && let Some(hit) = deepest_on_segment(field, a, b, spacing, reach)
-        {
-            visit(NearPoint::new(i, &hit, world_from_solid, params));
+        if least < reach {
+            visit(i, [a, b], [field.distance(a), field.distance(b)], reach);
         }
         (a, distance_a) = (b, distance_b);
     }
     f64::from(clear)
+}
+
+/// Visits where a segment may bear on a solid within its reach: its far end, its near end if no segment before it has
+/// that, and the deepest point between where that is deeper. Hair that lies flat bears on all its particles: the deepest
+/// point alone would jump from end to end, and what it leaves fall for a substep.
+#[inline(always)]
+fn bearing_points(
+    field: &impl DistanceField,
+    ends: [Vector3<f32>; 2],
+    distance: [f32; 2],
+    spacing: f32,
+    reach: f32,
+    is_first: bool,
+    mut visit: impl FnMut(&SegmentContact),
+) {
+    let Some(hit) = deepest_between(field, ends, distance, spacing, reach) else { return };
+    for e in usize::from(!is_first)..2 {
+        let s = e as f32;
+        if hit.s == s {
+            visit(&hit);
+        } else if distance[e] < reach {
+            visit(&SegmentContact { s, distance: distance[e], normal: field.outward_normal(ends[e]).1 });
+        }
+    }
+    if hit.distance < distance[0].min(distance[1]) - DEEPER_CM {
+        visit(&hit);
+    }
 }
 
 impl ContactParams {
@@ -147,13 +210,14 @@ impl StrandSystem {
         batch: &Batch,
         state: &mut BatchState,
         input: &StepInput,
-        params: &ContactParams,
+        params: &StepParams,
         span: Span,
         work: &mut Work,
     ) {
         state.sights.truncate(input.solids.len());
+        let strands = Strands { system: self, batch, topology: &self.topologies[batch.topology], input, params, span };
         for (k, moving) in input.solids.iter().enumerate() {
-            self.find_rigid_contacts(moving, k, batch, state, input.dt, params, span, work);
+            strands.meet_rigid(moving, k, state, work);
         }
         if state.clearance.len() != input.deforming.len() {
             state.clearance.clear();
@@ -161,27 +225,29 @@ impl StrandSystem {
             state.clearance.resize(input.deforming.len(), [-1.0; LANES]);
         }
         for (k, moving) in input.deforming.iter().enumerate() {
-            self.find_contacts_with(moving, k, batch, state, input.dt, params, span, work);
+            strands.meet_deforming(moving, k, state, work);
         }
         work.sort_contacts();
     }
+}
 
+/// The strands of a batch during one substep.
+struct Strands<'a> {
+    system: &'a StrandSystem,
+    batch: &'a Batch,
+    topology: &'a Topology,
+    input: &'a StepInput<'a>,
+    params: &'a StepParams,
+    span: Span,
+}
+
+impl Strands<'_> {
     /// Finds the contacts with rigid solid `k`.
-    fn find_rigid_contacts(
-        &self,
-        moving: &MovingSolid,
-        k: usize,
-        batch: &Batch,
-        state: &mut BatchState,
-        dt: f64,
-        params: &ContactParams,
-        span: Span,
-        work: &mut Work,
-    ) {
-        let topology = &self.topologies[batch.topology];
+    fn meet_rigid(&self, moving: &MovingSolid, k: usize, state: &mut BatchState, work: &mut Work) {
+        let (topology, params, span) = (self.topology, &self.params.contact, self.span);
         let field = &moving.solid.sdf;
         if state.sights.len() <= k {
-            state.sights.push(Sights::new(field, self.n_main));
+            state.sights.push(Sights::new(field, self.system.n_main));
         }
         state.sights[k].turn_to(field);
         let world_from_solid = moving.pose.at(span.end);
@@ -189,105 +255,117 @@ impl StrandSystem {
         let friction = f64::from(moving.solid.friction);
         // A strand meets the solid, seen where the substep ends, within what it moves itself and what forces add to that.
         let reach = Reach { still: params.offset_cm + UNFORESEEN_CM, h: span.h, farthest: FARTHEST_CM };
-        let (position, velocity) = (&state.position[..], &state.velocity[..]);
+        let motion = [&state.position[..], &state.velocity[..]];
         let mut view = std::mem::take(&mut work.view);
         let solid_from_world = world_from_solid.inverse();
-        let solid_motion = moving.pose.velocity_field(dt);
-        let motion = [position, velocity];
-        let n_lanes = batch.strands.len();
+        let solid_motion = moving.pose.velocity_field(self.input.dt);
+        let n_lanes = self.batch.strands.len();
+        let first = topology.first_free_main();
         view.look(field, &solid_from_world, motion, topology, n_lanes, reach, &mut state.sights[k], |met| {
-            let Some(hit) = deepest_between(field, met.ends, met.distance, spacing, met.reach) else { return };
-            let near = NearPoint::new(met.segment, &hit, &world_from_solid, params);
-            let ends = [topology.rig_of_main(met.segment), topology.rig_of_main(met.segment + 1)];
-            let velocity_at = |at| solid_motion.at(at);
-            add_contact(
-                near,
-                met.lane,
-                ends,
-                [position, velocity],
-                velocity_at,
-                friction,
-                batch,
-                topology,
-                params,
-                span,
-                work,
-            );
+            let is_first = met.segment == first;
+            bearing_points(field, met.ends, met.distance, spacing, met.reach, is_first, |hit| {
+                let near = NearPoint::new(met.segment, hit, &world_from_solid, params);
+                self.add_contact(near, met.lane, motion, |at| solid_motion.at(at), friction, &mut state.bearings, work);
+            });
         });
         work.view = view;
     }
 
     /// Finds the contacts with one deforming body, whose distance bounds are `state.clearance[k]`.
-    fn find_contacts_with(
-        &self,
-        moving: &MovingDeformingSolid,
-        k: usize,
-        batch: &Batch,
-        state: &mut BatchState,
-        dt: f64,
-        params: &ContactParams,
-        span: Span,
-        work: &mut Work,
-    ) {
-        let topology = &self.topologies[batch.topology];
+    fn meet_deforming(&self, moving: &MovingDeformingSolid, k: usize, state: &mut BatchState, work: &mut Work) {
+        let (topology, params, span, n_main) = (self.topology, &self.params.contact, self.span, self.system.n_main);
         let first = topology.first_free_main();
         let by_solid = moving.max_displacement() * (span.end - span.begin);
         let speed = |i: usize, lane: usize| get(&state.velocity[topology.rig_of_main(i)], lane).norm();
         // A strand meets the solid, seen where the substep ends, within what it moves itself and what forces add to that.
         let reach = |speed: f64| params.offset_cm + UNFORESEEN_CM + (speed * span.h).min(FARTHEST_CM);
         let fastest: [f64; LANES] =
-            std::array::from_fn(|lane| (first..self.n_main).map(|i| speed(i, lane)).fold(0.0, f64::max));
+            std::array::from_fn(|lane| (first..n_main).map(|i| speed(i, lane)).fold(0.0, f64::max));
         let is_clear = |lane: usize| state.clearance[k][lane] - by_solid > reach(fastest[lane]);
-        if (0..batch.strands.len()).all(is_clear) {
+        let n_lanes = self.batch.strands.len();
+        if (0..n_lanes).all(is_clear) {
             return;
         }
         let world_from_solid = moving.pose().at(span.end);
-        let field = moving.field_at(span.end);
-        let (half_thickness, friction) = (moving.half_thickness_cm(), f64::from(moving.friction()));
-        for lane in 0..batch.strands.len() {
+        let solid_from_world = world_from_solid.inverse();
+        let field = &moving.field_at(span.end);
+        let spacing = moving.half_thickness_cm() * params.spacing_over_half_thickness as f32;
+        let friction = f64::from(moving.friction());
+        for lane in 0..n_lanes {
             if state.clearance[k][lane] - by_solid > reach(fastest[lane]) {
                 continue;
             }
             let position = |i: usize| get(&state.position[topology.rig_of_main(i)], lane);
-            let particles = first..self.n_main;
-            let visit = |near: NearPoint| {
-                let ends = [topology.rig_of_main(near.segment), topology.rig_of_main(near.segment + 1)];
-                let velocity_at = |at| moving.velocity_at(at, span.end, dt);
-                let motion = [&state.position[..], &state.velocity[..]];
-                add_contact(near, lane, ends, motion, velocity_at, friction, batch, topology, params, span, work);
-            };
+            let motion = [&state.position[..], &state.velocity[..]];
+            let velocity_at = |at| moving.velocity_at(at, span.end, self.input.dt);
             let watched = |i: usize| reach(speed(i, lane).max(speed(i + 1, lane)));
-            let (field, pose) = (&field, &world_from_solid);
-            let clear = near_points_in(particles, position, field, half_thickness, pose, params, watched, visit);
+            let visit = |i: usize, ends: [Vector3<f32>; 2], distance: [f32; 2], reach: f32| {
+                bearing_points(field, ends, distance, spacing, reach, i == first, |hit| {
+                    let near = NearPoint::new(i, hit, &world_from_solid, params);
+                    self.add_contact(near, lane, motion, velocity_at, friction, &mut state.bearings, work);
+                });
+            };
+            let clear = near_segments(first..n_main, position, field, &solid_from_world, watched, visit);
             // The bound is as of before this substep's movement, which is subtracted with the rest.
             state.clearance[k][lane] = clear + by_solid;
         }
     }
-}
 
-/// Keeps the contact of one lane at a point near a solid; `ends` are rig particles.
-#[inline(always)]
-fn add_contact(
-    near: NearPoint,
-    lane: usize,
-    ends: [usize; 2],
-    [position, velocity]: [&[Lane3]; 2],
-    velocity_of_solid: impl Fn(Vector3<f64>) -> Vector3<f64>,
-    friction: f64,
-    batch: &Batch,
-    topology: &Topology,
-    params: &ContactParams,
-    span: Span,
-    work: &mut Work,
-) {
-    let at = |of: &[Lane3]| near.between(get(&of[ends[0]], lane), get(&of[ends[1]], lane));
-    let solid_velocity = velocity_of_solid(at(position));
-    let mass = batch.mass[ends[1]][lane];
-    let mut found = Contact::at(&near, lane, ends, solid_velocity, friction, mass, span.h, params);
-    if ends[0] < topology.n_kinematic {
-        found.known = work.known_velocity(ends[0], lane) * found.weight[0];
+    /// Keeps the contact of one lane at a point near a solid: in the solve if it would be at the surface within the substep
+    /// with no force but those from outside (by its own velocity alone if it pulled when last solved for), and to stick if
+    /// friction might stop it.
+    #[inline(always)]
+    fn add_contact(
+        &self,
+        near: NearPoint,
+        lane: usize,
+        [position, velocity]: [&[Lane3]; 2],
+        velocity_of_solid: impl Fn(Vector3<f64>) -> Vector3<f64>,
+        friction: f64,
+        bearings: &mut Bearings,
+        work: &mut Work,
+    ) {
+        let (topology, h) = (self.topology, self.span.h);
+        let ends = [topology.rig_of_main(near.segment), topology.rig_of_main(near.segment + 1)];
+        let at = |of: &[Lane3]| near.between(get(&of[ends[0]], lane), get(&of[ends[1]], lane));
+        let solid_velocity = velocity_of_solid(at(position));
+        let mass = self.batch.mass[ends[1]][lane];
+        let mut found = Contact::at(&near, lane, ends, solid_velocity, friction, mass, h, &self.params.contact);
+        if ends[0] < topology.n_kinematic {
+            found.known = work.known_velocity(ends[0], lane) * found.weight[0];
+        }
+        let now = at(velocity);
+        let free = now + self.acceleration(&near, lane, ends) * h;
+        // Speed into the solid that the contact has to take away.
+        let pressed = -(near.gap / h + near.normal.dot(&free));
+        let (pulled, torn) = bearings.of(&found);
+        if pressed <= 0.0 || (pulled && !near.is_closing(now, h)) {
+            work.watched.push(found);
+            return;
+        }
+        let stopped = friction * pressed;
+        let is_slow = found.across(now - solid_velocity).norm_squared() < (CARRIED * stopped).powi(2);
+        found.slip = (found.across(free - solid_velocity).norm() - stopped).max(CREEP * stopped);
+        if torn > 0.0 {
+            // What an impact allowed is no measure of what follows it.
+            found.grip = torn.min(CARRIED * stopped * mass / h) / found.slip;
+        } else if is_slow {
+            found.grip = GRIP_OVER_INERTIA * mass / h;
+        }
+        work.contacts.push(found);
     }
-    work.add_contact(found, near.is_closing(at(velocity), span.h));
+
+    /// Acceleration that gravity and outside forces give at a point, cm/s².
+    #[inline(always)]
+    fn acceleration(&self, near: &NearPoint, lane: usize, ends: [usize; 2]) -> Vector3<f64> {
+        let forces = self.input.forces;
+        if forces.is_empty() {
+            return self.params.gravity;
+        }
+        let first = self.batch.strands[lane] as usize * self.system.n_main + near.segment;
+        let of = |e: usize| forces[first + e] / self.batch.mass[ends[e]][lane];
+        self.params.gravity + near.between(of(0), of(1))
+    }
 }
 
 impl NearPoint {
@@ -337,6 +415,8 @@ impl Contact {
             stiffness: params.stiffness_over_inertia * mass / (h * h),
             solid_velocity,
             friction,
+            grip: 0.0,
+            slip: 0.0,
             known: Vector3::zeros(),
         }
     }
@@ -380,58 +460,131 @@ impl Contact {
         }
     }
 
-    /// Adds the penalty k (gap + h n·v) n, implicit in the new velocities, to one lane of the system whose first
-    /// `n_fixed` particles are prescribed.
+    /// The part of a vector across the normal.
+    #[inline(always)]
+    fn across(&self, v: Vector3<f64>) -> Vector3<f64> {
+        v - self.normal * self.normal.dot(&v)
+    }
+
+    /// Adds the penalty k (gap + h n·v) n and the grip, implicit in the new velocities, to one lane of the system whose
+    /// first `n_fixed` particles are prescribed.
     #[inline(always)]
     pub fn add_to(&self, n_fixed: usize, h: f64, matrix: &mut BandedMatrix, rhs: &mut [Lane]) {
         let known = h * self.normal.dot(&self.known);
+        let mut push = self.normal * (-h * self.stiffness * (self.gap + known));
+        // h² k n nᵀ + h c (I - n nᵀ)
+        let around = h * self.grip;
+        let along = h * h * self.stiffness - around;
+        if self.grip > 0.0 {
+            push += self.across(self.solid_velocity - self.known) * around;
+        }
         for e in 0..2 {
-            if self.ends[e] < n_fixed {
+            if self.ends[e] < n_fixed || self.weight[e] == 0.0 {
                 continue;
             }
             let row = self.ends[e] - n_fixed;
             for p in 0..3 {
-                rhs[3 * row + p][self.lane] -=
-                    h * self.stiffness * self.weight[e] * (self.gap + known) * self.normal[p];
-                for f in 0..=e {
-                    if self.ends[f] < n_fixed {
-                        continue;
-                    }
-                    let weights = h * h * self.stiffness * self.weight[e] * self.weight[f];
-                    let block = matrix.block(row, self.ends[f] - n_fixed);
+                rhs[3 * row + p][self.lane] += self.weight[e] * push[p];
+            }
+            for f in 0..=e {
+                if self.ends[f] < n_fixed || self.weight[f] == 0.0 {
+                    continue;
+                }
+                let weights = self.weight[e] * self.weight[f];
+                let block = matrix.block(row, self.ends[f] - n_fixed);
+                for p in 0..3 {
+                    let pushed = weights * along * self.normal[p];
                     for q in 0..3 {
-                        block[3 * p + q][self.lane] += weights * self.normal[p] * self.normal[q];
+                        block[3 * p + q][self.lane] += pushed * self.normal[q];
                     }
+                    block[4 * p][self.lane] += weights * around;
                 }
             }
         }
     }
 
-    /// Coulomb friction on the solved velocities of one contact; returns the force on the strand, normal and tangential
-    /// together, dyn. `velocity` and `mass` hold one entry per particle, the first `n_fixed` prescribed.
-    /// Departure from AS16 §7.1: the normal force is the one the implicit solve found, not an estimate before it.
-    pub fn apply_friction(&self, n_fixed: usize, h: f64, mass: &[Lane], velocity: &mut [Lane3]) -> Vector3<f64> {
-        let (lane, [a, b]) = (self.lane, self.ends);
-        let at = get(&velocity[a], lane) * self.weight[0] + get(&velocity[b], lane) * self.weight[1];
-        let force = -self.stiffness * (self.gap + h * self.normal.dot(&at));
-        if force <= 0.0 {
-            return Vector3::zeros();
+    /// What the solved velocities say a contact exerts.
+    #[inline(always)]
+    pub(crate) fn reaction(&self, h: f64, velocity: &[Lane3]) -> Reaction {
+        let at = self.velocity(velocity);
+        let pressing = -self.stiffness * (self.gap + h * self.normal.dot(&at));
+        let gripping = if self.grip > 0.0 { self.grip * self.across(at - self.solid_velocity).norm() } else { 0.0 };
+        Reaction { pressing, gripping }
+    }
+
+    /// Whether a solve has the contact draw the strand back, which no surface does.
+    #[inline(always)]
+    pub(crate) fn is_pulled(&self, reaction: &Reaction) -> bool {
+        reaction.pressing < -self.stiffness * PULLED_CM
+    }
+
+    /// Slows what slides, on velocities that a solve of `h` seconds has found with this reaction.
+    #[inline(always)]
+    pub(crate) fn slow(&self, reaction: &Reaction, n_fixed: usize, h: f64, mass: &[Lane], velocity: &mut [Lane3]) {
+        if self.grip == 0.0 && reaction.pressing > 0.0 {
+            let impulse = self.friction_impulse(reaction.pressing, n_fixed, h, mass, velocity);
+            self.push(impulse, n_fixed, mass, velocity);
         }
+    }
+
+    /// Velocity at the contact of particles that have these.
+    #[inline(always)]
+    fn velocity(&self, of: &[Lane3]) -> Vector3<f64> {
+        get(&of[self.ends[0]], self.lane) * self.weight[0] + get(&of[self.ends[1]], self.lane) * self.weight[1]
+    }
+
+    /// Impulse by which friction under a normal force (dyn) slows what slides, g·cm/s.
+    #[inline(always)]
+    fn friction_impulse(
+        &self,
+        pressing: f64,
+        n_fixed: usize,
+        h: f64,
+        mass: &[Lane],
+        velocity: &[Lane3],
+    ) -> Vector3<f64> {
         // Effective mass of the contact point: an impulse J there moves it by J Σ w²/m.
-        let ends = || self.ends.into_iter().zip(self.weight).filter(|&(p, _)| p >= n_fixed);
-        let inv_mass: f64 = ends().map(|(p, w)| w * w / mass[p][lane]).sum();
+        let ends = self.ends.into_iter().zip(self.weight).filter(|&(p, _)| p >= n_fixed);
+        let inv_mass: f64 = ends.map(|(p, w)| w * w / mass[p][self.lane]).sum();
         if inv_mass <= 0.0 {
             return Vector3::zeros();
         }
-        let relative = at - self.solid_velocity;
-        let tangential = relative - self.normal * self.normal.dot(&relative);
-        let speed = tangential.norm() as f32;
-        let left = slip_factor(speed, self.friction as f32, force as f32, (1.0 / inv_mass) as f32, h as f32);
-        let change = tangential * (f64::from(left) - 1.0);
-        for (p, w) in ends() {
-            let v = get(&velocity[p], lane) + change * (w / mass[p][lane] / inv_mass);
-            set(&mut velocity[p], lane, v);
-        }
-        self.normal * force + change / (inv_mass * h)
+        let sliding = self.across(self.velocity(velocity) - self.solid_velocity);
+        let (speed, mass) = (sliding.norm() as f32, (1.0 / inv_mass) as f32);
+        let left = slip_factor(speed, self.friction as f32, pressing as f32, mass, h as f32);
+        sliding * ((f64::from(left) - 1.0) / inv_mass)
     }
+
+    /// An impulse (g·cm/s) at the contact on its two particles.
+    #[inline(always)]
+    fn push(&self, impulse: Vector3<f64>, n_fixed: usize, mass: &[Lane], velocity: &mut [Lane3]) {
+        for (p, w) in self.ends.into_iter().zip(self.weight) {
+            if p >= n_fixed {
+                let v = get(&velocity[p], self.lane) + impulse * (w / mass[p][self.lane]);
+                set(&mut velocity[p], self.lane, v);
+            }
+        }
+    }
+
+    /// Coulomb friction on the solved velocities of one contact that slides; returns the force on the strand, normal and
+    /// tangential together, dyn. `velocity` and `mass` hold one entry per particle, the first `n_fixed` prescribed.
+    /// Departure from AS16 §7.1: the normal force is the one the implicit solve found, not an estimate before it.
+    pub fn apply_friction(&self, n_fixed: usize, h: f64, mass: &[Lane], velocity: &mut [Lane3]) -> Vector3<f64> {
+        let pressing = self.reaction(h, velocity).pressing;
+        if pressing <= 0.0 {
+            return Vector3::zeros();
+        }
+        let impulse = self.friction_impulse(pressing, n_fixed, h, mass, velocity);
+        self.push(impulse, n_fixed, mass, velocity);
+        self.normal * pressing + impulse / h
+    }
+}
+
+/// What a contact exerts on its strand.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Reaction {
+    /// Along the outward normal, dyn; negative where it pulls.
+    pub pressing: f64,
+    /// Size of what the grip exerts across it, dyn.
+    pub gripping: f64,
 }

@@ -19,6 +19,7 @@
 //! ```
 
 pub mod altitude;
+mod bearing;
 mod body_contact;
 mod cut_force;
 mod drive;

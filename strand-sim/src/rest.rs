@@ -243,11 +243,11 @@ impl StrandSystem {
         work.watched.clear();
         state.clearance.clear();
         let span = Span { begin: 0.0, end: 1.0, h: STATIC_S };
-        self.find_contacts(batch, state, input, &params.contact, span, work);
+        self.find_contacts(batch, state, input, params, span, work);
         let mut lying: Vec<_> = work.contacts.drain(..).chain(work.watched.drain(..)).collect();
         lying.retain(|c| c.gap < LYING_CM);
         for contact in &mut lying {
-            (contact.gap, contact.stiffness) = (0.0, SUPPORT);
+            (contact.gap, contact.stiffness, contact.grip) = (0.0, SUPPORT, 0.0);
             contact.known = Vector3::zeros();
         }
         work.contacts = lying;

@@ -6,7 +6,8 @@
 
 pub mod interacting;
 
-use crate::body_contact::{Contact, ContactParams};
+use crate::bearing::Bearings;
+use crate::body_contact::{Contact, ContactParams, Reaction};
 use crate::drive::{Drive, RootMotion};
 use crate::forces::Implicit;
 use crate::implicit::{self, Driven, Problem};
@@ -176,6 +177,8 @@ pub(crate) struct Work {
     pub(crate) watched: Vec<Contact>,
     pub(crate) driven: Vec<Driven>,
     pub(crate) surface: SurfaceWork,
+    /// What they exert, in the same order.
+    reactions: Vec<Reaction>,
     pub(crate) view: View,
     report: StepReport,
 }
@@ -274,7 +277,7 @@ impl StrandSystem {
         self.drive_particles(batch, state, input, span, work);
         work.contacts.clear();
         work.watched.clear();
-        self.find_contacts(batch, state, input, &params.contact, span, work);
+        self.find_contacts(batch, state, input, params, span, work);
         work.report.contacts += work.contacts.len() as u64;
         work.start[..n_rig].copy_from_slice(&state.position);
         let h = params.scheme.solve_length(span.h);
@@ -286,13 +289,18 @@ impl StrandSystem {
                 work.move_on(n_rig, h);
             }
         }
+        if work.let_go(&mut state.bearings, h) {
+            self.solve(batch, state, input, params, elastic, h, params.iterations > 1, work);
+        }
     }
 
     /// Friction with solids on the velocities a solve of `h` seconds has found.
     fn rub(&self, batch: &Batch, h: f64, work: &mut Work) {
         let n_kin = self.topologies[batch.topology].n_kinematic;
-        for contact in &work.contacts {
-            contact.apply_friction(n_kin, h, &batch.mass, &mut work.next_velocity);
+        work.reactions.clear();
+        work.reactions.extend(work.contacts.iter().map(|contact| contact.reaction(h, &work.next_velocity)));
+        for (contact, reaction) in work.contacts.iter().zip(&work.reactions) {
+            contact.slow(reaction, n_kin, h, &batch.mass, &mut work.next_velocity);
         }
     }
 
@@ -326,7 +334,7 @@ impl StrandSystem {
     fn evolve(
         &self,
         batch: &Batch,
-        state: &BatchState,
+        state: &mut BatchState,
         input: &StepInput,
         params: &StepParams,
         span: Span,
@@ -349,6 +357,9 @@ impl StrandSystem {
         // Positions are known, so elastic forces are too: taking them implicitly would count them twice.
         let known = Implicit { elastic: 0.0, geometric: 0.0, least_tension: 0.0 };
         self.solve(batch, state, input, params, known, h, false, work);
+        if work.let_go(&mut state.bearings, h) {
+            self.solve(batch, state, input, params, known, h, false, work);
+        }
     }
 
     /// MS08 §4 step 8, and the new state takes the old one's place.
@@ -492,6 +503,7 @@ impl StrandSystem {
             for clearance in &mut state.clearance {
                 clearance[lane] = -1.0;
             }
+            state.bearings.forget(lane);
             work.report.quarantined += 1;
         }
     }
@@ -518,8 +530,9 @@ impl Work {
             next: vec![[ZERO; 3]; n_rig],
             next_velocity: vec![[ZERO; 3]; n_rig],
             air: Vec::new(),
-            contacts: Vec::with_capacity(n_main),
-            watched: Vec::with_capacity(n_main),
+            contacts: Vec::with_capacity(LANES * n_main),
+            watched: Vec::with_capacity(LANES * n_main),
+            reactions: Vec::with_capacity(LANES * n_main),
             driven: Vec::new(),
             surface: SurfaceWork::default(),
             view: View::default(),
@@ -547,9 +560,29 @@ impl Work {
         }
     }
 
-    /// Keeps a contact of a strand that closes in on a solid, or of one that only lies near it.
-    pub(crate) fn add_contact(&mut self, contact: Contact, is_closing: bool) {
-        if is_closing { self.contacts.push(contact) } else { self.watched.push(contact) }
+    /// Remembers what a solve of `h` seconds has found of the contacts; returns whether to solve again, since some are torn
+    /// from where they stuck. The strands that are so let go of what they would pull at, too.
+    fn let_go(&mut self, bearings: &mut Bearings, h: f64) -> bool {
+        let Self { contacts, watched, reactions, next_velocity, .. } = self;
+        reactions.clear();
+        reactions.extend(contacts.iter().map(|contact| contact.reaction(h, next_velocity)));
+        let mut torn = 0_u8;
+        for (contact, reaction) in contacts.iter_mut().zip(reactions.iter()) {
+            torn |= u8::from(bearings.learn(contact, reaction)) << contact.lane;
+        }
+        if torn == 0 {
+            return false;
+        }
+        let mut reaction = reactions.iter();
+        contacts.retain(|contact| {
+            let is_pulled = reaction.next().is_some_and(|r| contact.is_pulled(r));
+            let leaves = is_pulled && torn >> contact.lane & 1 != 0;
+            if leaves {
+                watched.push(*contact);
+            }
+            !leaves
+        });
+        true
     }
 
     /// Orders contacts as the solve takes them.

@@ -5,6 +5,7 @@
 //! depend on which lane it sits in or which strands share its batch.
 
 use crate::altitude::{AltitudeRest, AltitudeRestLanes, CANDIDATES};
+use crate::bearing::Bearings;
 use crate::error::Error;
 use crate::lanes::{LANES, Lane, Lane3, ZERO};
 use crate::material::Material;
@@ -71,6 +72,8 @@ pub(crate) struct BatchState {
     /// Lower bound of each strand's distance to each deforming body, minus all movement since it was measured, cm.
     /// Resized when the number of bodies changes.
     pub clearance: Vec<Lane>,
+    /// Where strands bore on solids.
+    pub bearings: Bearings,
 }
 
 impl StrandSystem {
@@ -153,6 +156,7 @@ impl StrandSystem {
                     velocity: vec![[ZERO; 3]; position.len()],
                     sights: Vec::new(),
                     clearance: Vec::new(),
+                    bearings: Bearings::new(position.len()),
                     position,
                 }
             })

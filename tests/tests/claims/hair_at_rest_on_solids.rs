@@ -38,6 +38,8 @@ struct Rested {
     contacts: f64,
     /// Mean over strands and steps of the strand's least clearance, cm.
     mean_cm: f64,
+    /// Largest change of a segment's length beyond the particles that the scalp carries, as a share of it.
+    strain: f64,
 }
 
 fn rest_on_ball(radius: f64) -> Rested {
@@ -45,7 +47,7 @@ fn rest_on_ball(radius: f64) -> Rested {
     let solid = fine_ball(radius as f32);
     let moving = [MovingSolid { solid: &solid, pose: SolidPose::still(Isometry3::identity()) }];
     let steps = 10 * STEPS_A_SECOND;
-    let mut rested = Rested { least_cm: f64::INFINITY, contacts: 0.0, mean_cm: 0.0 };
+    let mut rested = Rested { least_cm: f64::INFINITY, contacts: 0.0, mean_cm: 0.0, strain: 0.0 };
     for k in 0..steps {
         let report = tuft.step(Isometry3::identity(), &moving);
         if k < steps / 2 {
@@ -58,6 +60,10 @@ fn rest_on_ball(radius: f64) -> Rested {
             let least =
                 dense_samples(strand, FIRST_FREE).iter().map(|p| p.norm() - radius).fold(f64::INFINITY, f64::min);
             rested.least_cm = rested.least_cm.min(least);
+            for ends in strand[FIRST_FREE..].windows(2) {
+                // Particles are a centimetre apart.
+                rested.strain = rested.strain.max(((ends[1] - ends[0]).norm() - 1.0).abs());
+            }
             rested.mean_cm += least / (n_strands * steps / 2) as f64;
         }
     }
@@ -66,18 +72,24 @@ fn rest_on_ball(radius: f64) -> Rested {
 
 #[test]
 fn hair_at_rest_on_a_ball_stays_out_along_its_length() {
-    /// A segment that lies still does not close in, so that the solve does not see its contact: it falls by g h² in a
-    /// substep of 5 ms before it is pushed out, and with a neighbour's push it may end that much inside the offset.
-    /// (What a contact in the solve leaves is 0.001 cm: a tenth of a dyn over 100 m/h².) Measured 0.022 and 0.019 cm.
-    const FALL_CM: f64 = GRAVITY * 0.005 * 0.005;
-    /// Mean of the strands' nearest points, above the offset or below: measured 0.003 and 0.001 cm.
-    const LIES_CM: f64 = 0.005;
+    /// Below the offset: what bears the weight of a centimetre of hair, a dyn at most with what bending adds, gives way by
+    /// a hundredth of g h², 0.00025 cm; the ball's grid is off by 0.0008 cm; the rest is for hair that still sways.
+    /// Measured 0.0013 and 0.0007 cm.
+    const BELOW_CM: f64 = 0.002;
+    /// Mean of the strands' nearest points, above the offset or below: measured 0.0008 and 0.0005 cm.
+    const LIES_CM: f64 = 0.001;
+    /// Largest share by which a segment is strained: measured 0.0005.
+    const STRAIN: f64 = 0.001;
     for radius in [5.0, 8.0] {
         let r = rest_on_ball(radius);
         let offset = StepParams::standard().contact.offset_cm;
-        println!("{radius} cm: nearest {} cm, mean {} cm, {} contacts a step", r.least_cm, r.mean_cm, r.contacts);
-        assert!(r.least_cm > offset - FALL_CM, "{radius} cm: a sample at {} cm", r.least_cm);
+        println!(
+            "{radius} cm: nearest {}, mean {} cm, strain {}, contacts {}",
+            r.least_cm, r.mean_cm, r.strain, r.contacts
+        );
+        assert!(r.least_cm > offset - BELOW_CM, "{radius} cm: a sample at {} cm", r.least_cm);
         assert!((r.mean_cm - offset).abs() < LIES_CM, "{radius} cm: hair was to lie on the ball: {} cm", r.mean_cm);
+        assert!(r.strain < STRAIN, "{radius} cm: a segment strained by {}", r.strain);
         assert!(r.contacts > 1.0, "{radius} cm: {} contacts a step", r.contacts);
     }
 }
@@ -88,58 +100,87 @@ fn slab(friction: f32) -> Solid {
     Solid::from_shape("slab", &shape.into(), 0.5, 2.0, friction).unwrap()
 }
 
-/// Speed (cm/s) down a slope of `angle` of the outer half of a strand that was laid level across it, after `seconds`. Only
-/// its root is held, and what holds the root takes a tenth of a second to reach the outer half.
-fn speed_on_slope(friction: f32, angle: f64, seconds: f64) -> f64 {
+/// Of the outer half of a strand laid level across a slope. Only its root is held, and what holds the root takes a tenth of a
+/// second to reach the outer half.
+struct OnSlope {
+    /// Mean speed down the slope, cm/s.
+    speed: f64,
+    /// Farthest a particle moved from where it was laid, cm.
+    moved: f64,
+    /// Nearest a sample along the strand came to the slope at the end, cm.
+    least: f64,
+}
+
+fn on_slope(material: Material, friction: f32, angle: f64, seconds: f64) -> OnSlope {
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -angle);
     let params = StepParams::standard();
-    let material = Material { air_drag_per_s: 0.0, ..Material::straight() };
+    let material = Material { air_drag_per_s: 0.0, ..material };
     let lifted = turn * Vector3::y() * params.contact.offset_cm;
     let points = straight(lifted - Vector3::z() * 12.0, Vector3::z());
     let mut tuft = Tuft::new(&points, material, params);
     let solid = slab(friction);
     let pose = SolidPose::still(Isometry3::from_parts(Translation3::identity(), turn));
+    let moving = MovingSolid { solid: &solid, pose };
     for _ in 0..(seconds * STEPS_A_SECOND as f64).round() as usize {
-        tuft.step(Isometry3::identity(), &[MovingSolid { solid: &solid, pose }]);
+        tuft.step(Isometry3::identity(), &[moving]);
     }
     let down = turn * Vector3::x();
     let outer = N_PARTICLES / 2 + 4..N_PARTICLES - 2;
-    let mut speed = 0.0;
-    tuft.system.read(&tuft.state, |_, i, _, v| {
+    let mut found = OnSlope { speed: 0.0, moved: 0.0, least: f64::INFINITY };
+    tuft.system.read(&tuft.state, |_, i, x, v| {
         if outer.contains(&i) {
-            speed += down.dot(&v) / outer.len() as f64;
+            found.speed += down.dot(&v) / outer.len() as f64;
+            found.moved = found.moved.max((x - points[i]).norm());
         }
     });
-    speed
+    for sample in dense_samples(&tuft.positions(), FIRST_FREE) {
+        found.least = found.least.min((turn.inverse() * sample).y);
+    }
+    found
 }
 
 #[test]
 fn hair_slides_down_a_steep_slope_as_coulomb_has_it() {
-    /// Measured 0.93 to 1.06 of g (sin - mu cos) t: contacts come and go from substep to substep, and the root holds.
+    /// Share of the theory: the held root's waves alone make 1.06 of it without friction.
     const SHARE: f64 = 0.09;
+    /// Share of what gravity alone gives, for slopes that friction nearly holds.
+    const NEARLY_HELD_SHARE: f64 = 0.04;
     const SECONDS: f64 = 0.1;
-    for (friction, slope) in [(0.0_f32, 0.1), (0.0, 0.5), (0.1, 0.3), (0.3, 0.6), (0.3, 0.9), (0.6, 1.2)] {
+    let check = |friction: f32, slope: f64, share_of_theory: bool| {
         let angle = f64::atan(slope);
-        let theory = GRAVITY * (angle.sin() - f64::from(friction) * angle.cos()) * SECONDS;
-        let speed = speed_on_slope(friction, angle, SECONDS);
+        let driven = GRAVITY * angle.sin() * SECONDS;
+        let theory = driven - f64::from(friction) * GRAVITY * angle.cos() * SECONDS;
+        let OnSlope { speed, .. } = on_slope(Material::straight(), friction, angle, SECONDS);
         println!("friction {friction}, slope {slope}: {speed} cm/s, theory {theory}");
-        assert!((speed / theory - 1.0).abs() < SHARE, "friction {friction}, slope {slope}: {speed}, theory {theory}");
+        let slack = if share_of_theory { SHARE * theory } else { NEARLY_HELD_SHARE * driven };
+        assert!((speed - theory).abs() < slack, "friction {friction}, slope {slope}: {speed}, theory {theory}");
+    };
+    for (friction, slope) in [(0.0_f32, 0.1), (0.0, 0.5), (0.1, 0.3), (0.3, 0.6), (0.3, 0.9), (0.6, 1.2)] {
+        check(friction, slope, true);
+    }
+    for (friction, slope) in [(0.1_f32, 0.12), (0.3, 0.33), (0.3, 0.4), (0.6, 0.7)] {
+        check(friction, slope, false);
     }
 }
 
 #[test]
-fn hair_on_a_gentle_slope_creeps_by_a_few_substeps_of_sliding_and_no_faster() {
-    /// A known defect: it should stick. Which points of the segments touch changes from substep to substep, and what does
-    /// not touch falls down the slope for that long; friction keeps it from gathering speed. In units of what gravity gives
-    /// in a substep measured 2.3 to 4.3, at 0.5 as at 2 s.
-    const SUBSTEPS: f64 = 5.0;
-    const SUBSTEP_S: f64 = 0.005;
-    for (friction, slope) in [(0.1_f32, 0.05), (0.3, 0.15), (0.3, 0.27), (0.6, 0.3)] {
-        let angle = f64::atan(slope);
-        for seconds in [0.5, 1.0, 2.0] {
-            let creep = speed_on_slope(friction, angle, seconds) / (GRAVITY * angle.sin() * SUBSTEP_S);
-            println!("friction {friction}, slope {slope}, {seconds} s: {creep}");
-            assert!(creep < SUBSTEPS, "friction {friction}, slope {slope}: {creep} after {seconds} s");
+fn hair_on_a_slope_below_the_friction_angle_sticks() {
+    /// A few contacts are torn before the others take over what they cannot hold: measured 0.0006 cm at most.
+    const MOVED_CM: f64 = 0.002;
+    /// Measured 2e-17 cm/s: what moves, moves while it settles.
+    const SPEED: f64 = 1e-9;
+    /// Depth at which a contact in the solve bears a hair's weight, and what single precision leaves: measured 2e-7 cm.
+    const DEPTH_CM: f64 = 3e-4;
+    let offset = StepParams::standard().contact.offset_cm;
+    for material in [Material::straight(), Material::curly()] {
+        for (friction, slope) in [(0.1_f32, 0.05), (0.3, 0.15), (0.3, 0.27), (0.6, 0.3), (0.6, 0.55)] {
+            for seconds in [0.5, 2.0] {
+                let OnSlope { speed, moved, least } = on_slope(material, friction, f64::atan(slope), seconds);
+                println!("friction {friction}, slope {slope}, {seconds} s: {speed} cm/s, {moved} cm, least {least} cm");
+                assert!(speed.abs() < SPEED, "friction {friction}, slope {slope}: {speed} cm/s after {seconds} s");
+                assert!(moved < MOVED_CM, "friction {friction}, slope {slope}: moved by {moved} cm in {seconds} s");
+                assert!(least > offset - DEPTH_CM, "friction {friction}, slope {slope}: a sample at {least} cm");
+            }
         }
     }
 }
