@@ -1,5 +1,6 @@
 //! What AS16 and MS08 promise, on small scenes.
 
+mod comb_sweeps;
 mod hair_at_rest_on_solids;
 mod mechanics;
 mod ms08_figures;
