@@ -127,8 +127,8 @@ enum Verdict {
 /// three quarters of the squared cell. Inside the solid only `d - sqrt(V)` is left. Beyond the band nodes may themselves be
 /// means over blocks of eight cells, whose `V` adds.
 ///
-/// A departure from [`SignedDistanceField::surely`], which takes off an error measured at cell centres: that is a figure, not
-/// a bound, and a blade thinner than a cell escapes it.
+/// [`SignedDistanceField::surely`] takes off an error measured at cell centres instead: tighter along smooth faces, but a
+/// figure, not a bound.
 #[inline]
 pub fn proven_distance(sdf: &SignedDistanceField, d: f32) -> f32 {
     let v = 0.75 * sdf.cell() * sdf.cell();
