@@ -1,6 +1,7 @@
 //! What AS16 and MS08 promise, on small scenes.
 
 mod hair_at_rest_on_solids;
+mod interpolation_check;
 mod mechanics;
 mod ms08_figures;
 mod real_solids;
