@@ -171,9 +171,16 @@ impl CombedHead {
         MovingSolid { solid: &self.comb, pose: SolidPose { from: at(step), to: at(step + 1) } }
     }
 
+    /// Where the hair is after so many steps (world, cm).
+    fn place(&self, step: usize, positions: &mut Vec<[f32; 3]>) {
+        let head = Self::head_at(step as f64 * STEP_S);
+        positions.clear();
+        positions.extend(self.points.iter().map(|p| -> [f32; 3] { (head * Point3::from(*p)).coords.cast().into() }));
+    }
+
     /// What is done for a strand that may touch: every segment asks the field.
-    fn ask(&self, strand: &[Vector3<f64>], comb_from_head: &Isometry3<f64>) -> Found {
-        let at = |p: &Vector3<f64>| comb_from_head.transform_point(&Point3::from(*p)).coords.cast::<f32>();
+    fn ask(&self, strand: &[[f32; 3]], comb_from_world: &Isometry3<f64>) -> Found {
+        let at = |p: &[f32; 3]| in_comb(p, comb_from_world);
         let (mut found, mut a) = ((0, 0.0), at(&strand[0]));
         for p in &strand[1..] {
             let b = at(p);
@@ -187,11 +194,11 @@ impl CombedHead {
     }
 
     /// The bound of the runtime: from the particles' distances and the lengths between them.
-    fn measure(&self, strand: &[Vector3<f64>], comb_from_head: &Isometry3<f64>) -> DistanceBound {
+    fn measure(&self, strand: &[[f32; 3]], comb_from_world: &Isometry3<f64>) -> DistanceBound {
         let mut least = f32::INFINITY;
         let mut before: Option<(Vector3<f32>, f32)> = None;
         for p in strand {
-            let x = comb_from_head.transform_point(&Point3::from(*p)).coords.cast::<f32>();
+            let x = in_comb(p, comb_from_world);
             let d = self.comb.sdf.lower_bound(x);
             if let Some((y, e)) = before {
                 least = least.min(0.5 * (d + e - (x - y).norm()));
@@ -202,34 +209,46 @@ impl CombedHead {
     }
 
     /// One step: what all strands find, and how many segments were asked for it.
-    fn step(&self, step: usize, bounds: &mut [DistanceBound], culled: bool) -> (u64, f64, u64) {
-        let [from, to] = [step, step + 1].map(|k| Self::head_at(k as f64 * STEP_S));
+    fn step(
+        &self,
+        step: usize,
+        [previous, positions]: [&[[f32; 3]]; 2],
+        bounds: &mut [DistanceBound],
+        culled: bool,
+    ) -> (u64, f64, u64) {
         let moving = self.moving(step);
-        let comb_from_head = moving.pose.to.inverse() * to;
+        let comb_from_world = moving.pose.to.inverse();
         let by_comb = moving.max_displacement() as f32;
-        let visit = |(strand, bound): (&[Vector3<f64>], &mut DistanceBound)| {
+        let n = self.particles;
+        let visit = |((strand, before), bound): ((&[[f32; 3]], &[[f32; 3]]), &mut DistanceBound)| {
             if culled {
-                let moved = |p: &Vector3<f64>| (to * Point3::from(*p) - from * Point3::from(*p)).norm_squared();
-                let moved = strand.iter().map(moved).fold(0.0, f64::max).sqrt();
-                bound.moved(moved as f32, by_comb);
+                let moved = strand
+                    .iter()
+                    .zip(before)
+                    .map(|(p, q)| (p[0] - q[0]).powi(2) + (p[1] - q[1]).powi(2) + (p[2] - q[2]).powi(2));
+                bound.moved(moved.fold(0.0, f32::max).sqrt(), by_comb);
                 if !bound.clears(REACH_OF_CONTACT_CM) {
-                    *bound = self.measure(strand, &comb_from_head);
+                    *bound = self.measure(strand, &comb_from_world);
                 }
                 if bound.clears(REACH_OF_CONTACT_CM) {
                     return (0, 0.0, 0);
                 }
             }
-            let (found, distances) = self.ask(strand, &comb_from_head);
+            let (found, distances) = self.ask(strand, &comb_from_world);
             (found, distances, strand.len() as u64 - 1)
         };
-        let visited: Vec<_> =
-            self.points.par_chunks_exact(self.particles).zip(bounds.par_iter_mut()).map(visit).collect();
+        let strands = positions.par_chunks_exact(n).zip(previous.par_chunks_exact(n));
+        let visited: Vec<_> = strands.zip(bounds.par_iter_mut()).map(visit).collect();
         visited.into_iter().fold((0, 0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1, a.2 + b.2))
     }
 
     fn bounds(&self) -> Vec<DistanceBound> {
         vec![DistanceBound::unknown(); self.points.len() / self.particles]
     }
+}
+
+fn in_comb(p: &[f32; 3], comb_from_world: &Isometry3<f64>) -> Vector3<f32> {
+    comb_from_world.transform_point(&Point3::from(Vector3::from(*p).cast::<f64>())).coords.cast()
 }
 
 /// What culling by distance bounds changed over some steps.
@@ -258,14 +277,19 @@ pub fn cull(strands: usize, particles: usize, steps: usize) -> Result<CullReport
     for _ in 0..TURNS {
         for (k, culled) in [false, true].into_iter().enumerate() {
             let mut bounds = head.bounds();
-            // The first step measures every bound, once for a whole scene.
-            let mut sum = head.step(0, &mut bounds, culled);
-            let clock = ProcessTime::now();
-            for step in 1..steps {
-                let found = head.step(step, &mut bounds, culled);
+            let (mut sum, mut took) = ((0, 0.0, 0), 0.0);
+            let (mut previous, mut positions) = (Vec::new(), Vec::new());
+            head.place(0, &mut positions);
+            for step in 0..steps {
+                std::mem::swap(&mut previous, &mut positions);
+                head.place(step + 1, &mut positions);
+                let clock = ProcessTime::now();
+                let found = head.step(step, [&previous, &positions], &mut bounds, culled);
+                // The first step measures every bound, once for a whole scene.
+                took += if step == 0 { 0.0 } else { clock.elapsed().as_secs_f64() };
                 sum = (sum.0 + found.0, sum.1 + found.1, sum.2 + found.2);
             }
-            (seconds[k], results[k]) = (seconds[k].min(clock.elapsed().as_secs_f64()), sum);
+            (seconds[k], results[k]) = (seconds[k].min(took), sum);
         }
     }
     let [all, culled] = results;
