@@ -5,12 +5,14 @@
 //! - [`picture`]: pictures without a window
 //! - [`world`]: a scene made real; [`full_space`]: every strand of it simulated
 //! - [`head_motion`]: random head motion for training
+//! - [`collision_checks`]: the interpolation check beside exact tests, and what culling saves
 //! - [`strand_scenes`]: the tests of MS08 on single hairs and a tuft
 //! - [`run`]: a scene run in one of the modes compared; [`measures`]: what it is judged by
 //!
 //! Centimetre, gram, second. Everything here is a function of its parameters and seed: the same bytes on any machine
 //! with the same floating-point library, for any thread count.
 
+pub mod collision_checks;
 pub mod comb_sweeps;
 mod error;
 pub mod full_space;

@@ -143,13 +143,80 @@ impl Surface {
         [low - bulge, high + bulge]
     }
 
-    /// Whether a segment, in the surface's frame at the start of the step, touches or pierces it.
+    /// Whether a segment, in the surface's frame at the start of the step, touches or pierces it. Ends that are not
+    /// finite touch nothing.
     #[must_use]
     pub fn is_hit_by(&self, segment: &Segment) -> bool {
         let (low, high) = (segment[0].inf(&segment[1]), segment[0].sup(&segment[1]));
         self.triangles_near(low, high, 0.0)
             .any(|t| closest_to_triangle(segment, &self.corners(t as usize)[0]).distance2 <= 0.0)
     }
+
+    /// Whether the bilinear patch between the rungs `[a0, b0]` and `[a1, b1]`, in the surface's frame at the start of the
+    /// step, cm, touches the surface: the exact form of [`crate::clearance::ribbon_is_free`].
+    ///
+    /// Two triangles stand for a piece of the patch once it leaves them by at most `tolerance` cm. No touch is missed; a
+    /// patch that passes within twice the tolerance may be reported. Corners that are not finite touch nothing.
+    #[must_use]
+    pub fn ribbon_is_hit(&self, corners: [Vector3<f64>; 4], tolerance: f64) -> bool {
+        if !corners.iter().all(|p| p.iter().all(|x| x.is_finite())) {
+            return false;
+        }
+        let size = corners.iter().map(|p| p.amax()).fold(0.0, f64::max);
+        self.piece_is_hit(&corners, tolerance.max(RIBBON_ROUND_OFF * size))
+    }
+
+    /// Whether the ribbon between two strands (surface's frame, cm, root first) touches the surface at any of their rungs
+    /// or between two. Strands of unequal count are compared up to the shorter.
+    #[must_use]
+    pub fn strand_ribbon_is_hit(&self, strand_i: &[Vector3<f64>], strand_j: &[Vector3<f64>], tolerance: f64) -> bool {
+        match (strand_i, strand_j) {
+            ([a], [b, ..]) | ([a, ..], [b]) => self.is_hit_by(&[*a, *b]),
+            _ => strand_i
+                .windows(2)
+                .zip(strand_j.windows(2))
+                .any(|(i, j)| self.ribbon_is_hit([i[0], j[0], i[1], j[1]], tolerance)),
+        }
+    }
+
+    fn piece_is_hit(&self, corners: &[Vector3<f64>; 4], tolerance: f64) -> bool {
+        let [a0, b0, a1, b1] = *corners;
+        // The patch is its two triangles and the product of its places, at most a quarter, times the twist.
+        let leaves = 0.25 * ((a0 - a1) - (b0 - b1)).norm();
+        let (low, high) = corners.iter().fold((a0, a0), |(low, high), p| (low.inf(p), high.sup(p)));
+        let halves = [[a0, b0, b1], [a0, b1, a1]];
+        let mut near = false;
+        for t in self.triangles_near(low, high, leaves) {
+            let face = self.corners(t as usize)[0];
+            // Sides of the patch are its own: touched, they need no finer look.
+            if [[a0, b0], [b0, b1], [b1, a1], [a1, a0]].iter().any(|s| closest_to_triangle(s, &face).distance2 <= 0.0) {
+                return true;
+            }
+            near = near || halves.iter().any(|half| triangles_within(half, &face, leaves));
+        }
+        if !near || leaves <= tolerance {
+            return near;
+        }
+        let (across, along) = ((b0 - a0).norm().max((b1 - a1).norm()), (a1 - a0).norm().max((b1 - b0).norm()));
+        let pieces = if across > along {
+            let (m0, m1) = ((a0 + b0) * 0.5, (a1 + b1) * 0.5);
+            [[a0, m0, a1, m1], [m0, b0, m1, b1]]
+        } else {
+            let (ma, mb) = ((a0 + a1) * 0.5, (b0 + b1) * 0.5);
+            [[a0, b0, ma, mb], [ma, mb, a1, b1]]
+        };
+        pieces.iter().any(|piece| self.piece_is_hit(piece, tolerance))
+    }
+}
+
+/// Finest tolerance of a ribbon relative to its coordinates: twelve digits are left for the geometry.
+const RIBBON_ROUND_OFF: f64 = 1e-12;
+
+/// Whether two triangles come within `distance` cm of each other: at their nearest, a side of one of them takes part.
+fn triangles_within(one: &Triangle, other: &Triangle, distance: f64) -> bool {
+    let sides = |t: &Triangle| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]];
+    let within = |side: &Segment, t: &Triangle| closest_to_triangle(side, t).distance2 <= distance * distance;
+    sides(one).iter().any(|side| within(side, other)) || sides(other).iter().any(|side| within(side, one))
 }
 
 /// The closest points of a segment and a triangle: `s` is the place on the segment, `offset` goes from the triangle to the

@@ -2,6 +2,7 @@
 
 mod comb_sweeps;
 mod hair_at_rest_on_solids;
+mod interpolation_check;
 mod mechanics;
 mod ms08_figures;
 mod real_solids;

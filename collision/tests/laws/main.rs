@@ -8,6 +8,7 @@ mod contact;
 mod deforming;
 mod forces;
 mod grid;
+mod interpolation_check;
 mod mesh_bake;
 mod meshes;
 mod random;
