@@ -136,6 +136,9 @@ const STEP_S: f64 = 0.01;
 /// Distance within which a segment is in contact or watched, cm: the standard of `strand_sim::ContactParams::reach`.
 const REACH_OF_CONTACT_CM: f32 = 0.112;
 
+/// Places of particles in the world, cm.
+type Particles<'a> = &'a [[f32; 3]];
+
 /// What a strand's segments are to the comb: how many are within reach, and the sum of their distances, cm.
 type Found = (u64, f64);
 
@@ -212,7 +215,7 @@ impl CombedHead {
     fn step(
         &self,
         step: usize,
-        [previous, positions]: [&[[f32; 3]]; 2],
+        [previous, positions]: [Particles; 2],
         bounds: &mut [DistanceBound],
         culled: bool,
     ) -> (u64, f64, u64) {
@@ -220,7 +223,7 @@ impl CombedHead {
         let comb_from_world = moving.pose.to.inverse();
         let by_comb = moving.max_displacement() as f32;
         let n = self.particles;
-        let visit = |((strand, before), bound): ((&[[f32; 3]], &[[f32; 3]]), &mut DistanceBound)| {
+        let visit = |((strand, before), bound): ((Particles, Particles), &mut DistanceBound)| {
             if culled {
                 let moved = strand
                     .iter()

@@ -1,4 +1,5 @@
 //! The interpolation check on the field against the exact tests on the triangles it was baked from.
+#![allow(clippy::print_stdout, reason = "figures are said beside the law that holds them")]
 
 use crate::meshes::{self, Mesh};
 use crate::random::Random;

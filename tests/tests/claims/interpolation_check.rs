@@ -1,4 +1,5 @@
 //! The interpolation check on real solids, beside the exact test on their triangles, and what culling by bounds keeps.
+#![allow(clippy::print_stdout, reason = "figures are said beside the law that holds them")]
 
 use collision::{BakeParams, Error, Solid};
 use hair_bench::collision_checks::{check_segments, cull};
