@@ -6,10 +6,13 @@
 
 pub mod advect;
 pub mod bake;
+pub(crate) mod bricks;
 pub mod field;
 pub mod grid;
 pub(crate) mod mesh;
+pub(crate) mod mesh_bake;
 pub(crate) mod shift;
+pub(crate) mod tree;
 
 pub use advect::DeformedField;
 pub use bake::{BakeParams, bake_from_fn, bake_from_mesh};
