@@ -35,6 +35,7 @@ pub mod cull;
 mod deforming;
 mod error;
 pub mod friction;
+mod lanes;
 pub mod penalty;
 pub mod sdf;
 pub mod segment_pair;

@@ -15,7 +15,7 @@ use crate::sdf::bake::{Lattice, SAFETY, overstatement, round_off};
 use crate::sdf::bricks::{BRICK, COARSE, Layout, NODES, ROW, VALUES, node};
 use crate::sdf::grid::{Bounds, SignedDistanceField, Trust};
 use crate::sdf::mesh::ClosedMesh;
-use crate::sdf::tree::{Nearest, PACKET, TriangleTree};
+use crate::sdf::tree::{Hint, TriangleTree};
 use crate::thickness::smallest_half_thickness;
 
 /// Cells across the smallest half-thickness.
@@ -178,24 +178,16 @@ impl Coarse {
     }
 }
 
-/// Distances without sign at all nodes of a lattice, eight neighbours at a time.
+/// Distances without sign at all nodes of a lattice.
 fn distances(tree: &TriangleTree, lattice: &Lattice) -> Vec<f32> {
     let [nx, ny, nz] = lattice.nodes;
     let mut out = vec![0.0; nx * ny * nz];
-    out.par_chunks_mut(2 * nx * ny).enumerate().for_each(|(k, slabs)| {
-        let mut hint: Option<Nearest> = None;
-        for j in (0..ny).step_by(2) {
-            for i in (0..nx).step_by(2) {
-                let lane = |l: usize| {
-                    [(i + (l & 1)).min(nx - 1), (j + (l >> 1 & 1)).min(ny - 1), (2 * k + (l >> 2)).min(nz - 1)]
-                };
-                let found = tree.nearest(&std::array::from_fn(|l| lattice.position(lane(l))), hint.as_ref());
-                for (l, d) in tree.distances(&found).into_iter().enumerate() {
-                    let [x, y, z] = lane(l);
-                    slabs[((z - 2 * k) * ny + y) * nx + x] = d;
-                }
-                hint = Some(found);
-            }
+    out.par_chunks_mut(nx * ny).enumerate().for_each_init(Vec::new, |points, (k, slab)| {
+        let mut hint: Hint = 0;
+        for (j, row) in slab.chunks_mut(nx).enumerate() {
+            points.clear();
+            points.extend((0..nx).map(|i| lattice.position([i, j, k])));
+            tree.distances(points, &mut hint, row);
         }
     });
     out
@@ -338,6 +330,7 @@ impl<'a> Block<'a> {
     fn fine_distances(&self, closed: &ClosedMesh, buffers: &mut Buffers) {
         let Buffers { distance, flood } = buffers;
         let n_nodes = self.lattice.n_nodes();
+        let mut points = [Vector3::zeros(); BLOCK_NODES];
         distance.clear();
         distance.resize(n_nodes, 0.0);
         flood.sides.clear();
@@ -350,20 +343,20 @@ impl<'a> Block<'a> {
                 }
             }
         }
-        let mut hint: Option<Nearest> = None;
-        for k in (0..BLOCK_NODES).step_by(2) {
-            for j in (0..BLOCK_NODES).step_by(2) {
-                for i in (0..BLOCK_NODES).step_by(2) {
-                    let lane = |l: usize| [i + (l & 1), j + (l >> 1 & 1), k + (l >> 2)].map(|n| n.min(BLOCK));
-                    if (0..PACKET).all(|l| flood.sides[self.lattice.index(lane(l))] == Side::Ignored) {
-                        continue;
-                    }
-                    let found = closed.tree.nearest(&std::array::from_fn(|l| self.position(lane(l))), hint.as_ref());
-                    for (l, d) in closed.tree.distances(&found).into_iter().enumerate() {
-                        distance[self.lattice.index(lane(l))] = d;
-                    }
-                    hint = Some(found);
+        let mut hint: Hint = 0;
+        for row in 0..BLOCK_NODES * BLOCK_NODES {
+            let (j, k) = (row % BLOCK_NODES, row / BLOCK_NODES);
+            let base = self.lattice.index([0, j, k]);
+            let sides = &flood.sides[base..][..BLOCK_NODES];
+            let mut begin = 0;
+            while let Some(skipped) = sides[begin..].iter().position(|s| *s != Side::Ignored) {
+                begin += skipped;
+                let n = sides[begin..].iter().take_while(|s| **s != Side::Ignored).count();
+                for (i, p) in points[..n].iter_mut().enumerate() {
+                    *p = self.position([begin + i, j, k]);
                 }
+                closed.tree.distances(&points[..n], &mut hint, &mut distance[base + begin..][..n]);
+                begin += n;
             }
         }
         // Corners of bricks have their signs already.
@@ -419,18 +412,16 @@ impl<'a> Block<'a> {
         let brick_middle = self.coarse.at_middles[self.coarse.brick(self.in_grid(brick))];
         // No cell of the brick is within two of the surface: one cell of eight stands for the others.
         let step = if brick_middle > (0.5 * BRICK as f32 * 3f32.sqrt() + 2.0) * cell { 2 } else { 1 };
-        let mut hint: Option<Nearest> = None;
-        for packet in 0..if step == 2 { 1 } else { 8 } {
-            let first = [packet & 1, packet >> 1 & 1, packet >> 2].map(|n| 2 * n);
-            let at: [[usize; 3]; PACKET] =
-                std::array::from_fn(|l| [0, 1, 2].map(|k: usize| first[k] + (l >> k & 1) * step));
+        let mut hint: Hint = 0;
+        for part in 0..if step == 2 { 1 } else { 8 } {
+            let first = [part & 1, part >> 1 & 1, part >> 2].map(|n| 2 * n);
+            let at: [[usize; 3]; 8] = std::array::from_fn(|l| [0, 1, 2].map(|k: usize| first[k] + (l >> k & 1) * step));
             let middle = |at: [usize; 3]| {
                 self.position([0, 1, 2].map(|k: usize| brick[k] * BRICK + at[k])) + Vector3::repeat(0.5 * cell)
             };
-            let found = closed.tree.nearest(&at.map(middle), hint.as_ref());
-            let exact = closed.tree.distances(&found);
-            hint = Some(found);
-            for l in 0..PACKET {
+            let mut exact = [0.0; 8];
+            closed.tree.distances(&at.map(middle), &mut hint, &mut exact);
+            for l in 0..8 {
                 let [x, y, z] = at[l];
                 let corners: [f32; 8] = std::array::from_fn(|c| values[node(x + (c & 1), y + (c >> 1 & 1), z + (c >> 2))]);
                 let sampled = corners.iter().sum::<f32>() / 8.0;

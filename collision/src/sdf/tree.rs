@@ -1,86 +1,84 @@
-//! The triangles of a solid in a tree of boxes, asked for exact distances eight points at a time.
+//! The triangles of a solid in a tree of boxes, eight to a node, asked for exact distances and winding numbers.
 //!
-//! A bake asks millions of neighbouring points: eight of them share one walk down the tree, and start from the triangles
-//! found by their neighbours, so that almost every box is dismissed at once. Coordinates are taken to about a unit by a
-//! power of two, exactly, so that nothing under- or overflows for solids of any size. The least of the same numbers is
-//! taken in whatever order triangles are met, so answers do not depend on how points are grouped.
+//! A bake asks millions of neighbouring points: each starts from the leaf in which its neighbour found its nearest
+//! triangle, so that almost every box is dismissed at once, and eight boxes or triangles are looked at together.
+//! Coordinates are taken to about a unit by a power of two, exactly, so that nothing under- or overflows for solids of
+//! any size.
 
 use multiversion::multiversion;
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
-/// Points asked together.
-pub(crate) const PACKET: usize = 8;
-/// Most triangles in a leaf.
-const LEAF: usize = 4;
+use crate::lanes::{F8, LANES, dot};
+
 /// Below this many triangles a subtree is built by one thread.
 const SPLIT_AMONG_THREADS: usize = 4096;
-/// Halving the triangles at each level, no tree of `u32` indices is deeper.
-const MAX_DEPTH: usize = 40;
+/// Children of up to this many triangles have boxes along their surface.
+const MOST_ALIGNED: usize = 2048;
+/// A few roundings of coordinates of about a unit.
+const ROUND_OFF: f32 = 2e-6;
+/// Mark of a child that is a leaf.
+const LEAF: u32 = 1 << 31;
+/// A child that is not there.
+const NONE: u32 = u32::MAX;
+/// Every level holds an eighth of the triangles of the one above, and each leaves at most seven children for later.
+const MAX_STACK: usize = 8 * 12;
 
-/// One point in every lane.
-pub(crate) type Points = [[f32; PACKET]; 3];
-
-/// A triangle prepared for distances: a corner, two edges, and what their products give. One cache line.
-#[derive(Debug, Clone, Copy)]
-#[repr(C, align(64))]
-struct Facet {
-    a: [f32; 3],
-    ab: [f32; 3],
-    ac: [f32; 3],
-    ab_ab: f32,
-    ab_ac: f32,
-    ac_ac: f32,
+/// Eight triangles prepared for distances: a corner, two edges, and what their products give.
+#[derive(Debug, Clone)]
+struct Leaf {
+    a: [F8; 3],
+    ab: [F8; 3],
+    ac: [F8; 3],
+    ab_ab: F8,
+    ab_ac: F8,
+    ac_ac: F8,
     /// One over |ab|²|ac|² - (ab·ac)², |ab|², |ac|², |bc|²; zero for what has no length or area.
-    inv_area: f32,
-    inv_ab: f32,
-    inv_ac: f32,
-    inv_bc: f32,
+    inv_area: F8,
+    inv_ab: F8,
+    inv_ac: F8,
+    inv_bc: F8,
+    /// Triangles it holds; the first fills the lanes left over.
+    count: usize,
 }
 
-/// A box and what lies in it.
-#[derive(Debug, Clone, Copy, Default)]
+/// Eight boxes and what lies in them. Boxes lie along the surface they hold: a ball about a distant point meets many upright
+/// boxes of a slanting surface, and few flat ones.
+#[derive(Debug, Clone)]
 struct Node {
-    min: [f32; 3],
-    max: [f32; 3],
-    /// First facet of a leaf; of an inner node the second child. The first child is the next node.
-    at: u32,
-    /// Facets of a leaf, zero for an inner node.
-    count: u32,
+    middle: [F8; 3],
+    axes: [[F8; 3]; 3],
+    /// Half the edges along the axes, and what rounding may take off a distance.
+    half: [F8; 3],
+    /// Node, leaf with [`LEAF`] set, or [`NONE`].
+    child: [u32; LANES],
 }
 
-/// Sums over the triangles of a node, for their solid angle seen from afar.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Moments {
+/// Sums over the triangles of each child of a node, for their solid angles seen from afar.
+#[derive(Debug, Clone)]
+struct Group {
     /// Mean position, weighted by area.
-    pub middle: Vector3<f32>,
+    middle: [F8; 3],
     /// Areas along the normals.
-    pub area: Vector3<f32>,
-    /// Areas without direction.
-    pub size: f32,
-    /// Farthest of any corner from the middle.
-    pub radius: f32,
+    area: [F8; 3],
     /// Products (position - middle) ⊗ area, symmetric part: xx, yy, zz, xy, yz, zx, each pair of the last three summed.
-    pub second: [f32; 6],
+    second: [F8; 6],
+    /// Squared distance from which the group may be taken together.
+    far2: F8,
 }
 
 /// Triangles indexed for distances and solid angles.
 #[derive(Debug, Clone)]
 pub(crate) struct TriangleTree {
     nodes: Vec<Node>,
-    facets: Vec<Facet>,
-    moments: Vec<Moments>,
+    groups: Vec<Group>,
+    leaves: Vec<Leaf>,
     middle: Vector3<f32>,
     scale: f32,
     inv_scale: f32,
 }
 
-/// What each of eight points is nearest to.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Nearest {
-    /// Squared distances in the tree's own unit.
-    d2: [f32; PACKET],
-    facet: [u32; PACKET],
-}
+/// Where to look first: the leaf in which a neighbour found what it is nearest to.
+pub(crate) type Hint = u32;
 
 impl TriangleTree {
     /// Indexes triangles (cm) with corners in `points`; there must be one at least.
@@ -95,175 +93,178 @@ impl TriangleTree {
         let half = (high - middle).max().max((middle - low).max());
         // Within the range of exponents whose squares' squares are still numbers.
         let scale = if half > 0.0 { (-half.log2().ceil()).clamp(-100.0, 100.0).exp2() } else { 1.0 };
-        let corners: Vec<[Vector3<f32>; 3]> =
+        let corners: Vec<Corners> =
             triangles.iter().map(|t| t.map(|v| (points[v as usize] - middle) * scale)).collect();
         let mut order: Vec<u32> = (0..triangles.len() as u32).collect();
-        let mut nodes = vec![Node::default(); tree_size(triangles.len())];
-        build(&mut order, 0, &corners, &mut nodes, 0);
-        let facets: Vec<Facet> = order.iter().map(|&t| Facet::new(corners[t as usize])).collect();
-        let mut tree = Self { nodes, facets, moments: Vec::new(), middle, scale, inv_scale: 1.0 / scale };
-        tree.moments = tree.sum_moments();
+        let mut leaves = Vec::with_capacity(triangles.len().div_ceil(LANES));
+        split(&mut order, &corners);
+        leaves.extend(order.chunks(LANES).map(|t| Leaf::new(t.iter().map(|&t| corners[t as usize]))));
+        let mut tree = Self { nodes: Vec::new(), groups: Vec::new(), leaves, middle, scale, inv_scale: 1.0 / scale };
+        tree.add_node(0, tree.leaves.len(), &order, &corners);
         tree
     }
 
-    /// A point (cm) in the tree's own coordinates.
-    pub fn own(&self, p: Vector3<f32>) -> Vector3<f32> {
-        (p - self.middle) * self.scale
+    /// Makes a node of some leaves, which lie in order; returns it and what it holds.
+    fn add_node(&mut self, first: usize, n_leaves: usize, order: &[u32], corners: &[Corners]) -> (u32, Child) {
+        let here = self.nodes.len();
+        self.nodes.push(Node::empty());
+        self.groups.push(Group::empty());
+        // The halves of the halves of the halves, as they were split.
+        let mut parts = vec![(first, n_leaves)];
+        for _ in 0..3 {
+            parts = parts
+                .into_iter()
+                .flat_map(|(first, n)| {
+                    let left = left_leaves(n);
+                    [(first, left), (first + left, n - left)]
+                })
+                .filter(|part| part.1 > 0)
+                .collect();
+        }
+        let mut children = Vec::with_capacity(LANES);
+        for (lane, (first, n)) in parts.into_iter().enumerate() {
+            let range = &order[first * LANES..((first + n) * LANES).min(order.len())];
+            let (name, child) = if n == 1 {
+                let triangles = range.iter().map(|&t| Child::of_triangle(&corners[t as usize]));
+                (first as u32 | LEAF, Child::join(&triangles.collect::<Vec<_>>()))
+            } else {
+                self.add_node(first, n, order, corners)
+            };
+            self.nodes[here].set(lane, name, &child, range, corners);
+            self.groups[here].set(lane, &child);
+            children.push(child);
+        }
+        (here as u32, Child::join(&children))
     }
 
-    /// Looks for what eight points (cm) are nearest to, trying what `hint` found first.
-    pub fn nearest(&self, points: &[Vector3<f32>; PACKET], hint: Option<&Nearest>) -> Nearest {
-        let mut own: Points = [[0.0; PACKET]; 3];
-        for (l, p) in points.iter().enumerate() {
-            let p = self.own(*p);
-            for k in 0..3 {
-                own[k][l] = p[k];
+    /// A point (cm) in the tree's own coordinates.
+    fn own(&self, p: Vector3<f32>) -> [f32; 3] {
+        ((p - self.middle) * self.scale).into()
+    }
+
+    /// Distances of points (cm) that lie side by side; the last point's leaf is left in `hint` for the next.
+    pub fn distances(&self, points: &[Vector3<f32>], hint: &mut Hint, out: &mut [f32]) {
+        /// As many as a row of a block.
+        const AT_ONCE: usize = 32;
+        let mut own = [[0.0; 3]; AT_ONCE];
+        for (points, out) in points.chunks(AT_ONCE).zip(out.chunks_mut(AT_ONCE)) {
+            for (own, p) in own.iter_mut().zip(points) {
+                *own = self.own(*p);
+            }
+            search(&self.nodes, &self.leaves, &own[..points.len()], hint, out);
+            for d in out.iter_mut() {
+                *d = d.sqrt() * self.inv_scale;
             }
         }
-        let mut best = Nearest { d2: [f32::INFINITY; PACKET], facet: [0; PACKET] };
-        let seeds = hint.map_or([0; PACKET], |h| h.facet);
-        search(&self.nodes, &self.facets, &own, &seeds, &mut best);
-        best
-    }
-
-    /// Distances found, cm, none negative.
-    pub fn distances(&self, nearest: &Nearest) -> [f32; PACKET] {
-        nearest.d2.map(|d2| d2.sqrt() * self.inv_scale)
     }
 
     /// How often the surface winds around `p` (cm): an integer, up to the error of far groups taken together.
     pub fn winding(&self, p: Vector3<f32>) -> f32 {
-        let q = self.own(p);
-        let mut stack = [0u32; MAX_DEPTH];
-        let mut depth = 1;
-        let mut sum = 0.0f32;
-        while depth > 0 {
-            depth -= 1;
-            let n = stack[depth] as usize;
-            let (node, m) = (&self.nodes[n], &self.moments[n]);
-            if let Some(w) = m.winding_from_afar(&q) {
-                sum += w;
-            } else if node.count > 0 {
-                sum += self.facets[node.at as usize..][..node.count as usize].iter().map(|f| f.winding(&q)).sum::<f32>();
-            } else {
-                stack[depth] = node.at;
-                stack[depth + 1] = n as u32 + 1;
-                depth += 2;
-            }
-        }
-        sum
+        winding_in(&self.nodes, &self.groups, &self.leaves, &self.own(p))
     }
 
     /// The winding number by every triangle's solid angle: what [`Self::winding`] is compared with.
     #[cfg(test)]
     pub fn winding_of_all(&self, p: Vector3<f32>) -> f32 {
         let q = self.own(p);
-        self.facets.iter().map(|f| f.winding(&q)).sum()
+        self.leaves.iter().map(|f| f.winding(&q)).sum()
     }
 
-    /// The distance to every triangle in turn, the least taken: what [`Self::nearest`] is compared with.
+    /// The distance to every triangle in turn, the least taken: what [`Self::distances`] is compared with.
     #[cfg(test)]
     pub fn nearest_of_all(&self, p: Vector3<f32>) -> f32 {
-        let own: Points = self.own(p).data.0[0].map(|x| [x; PACKET]);
-        let d2 = self.facets.iter().map(|f| f.distance2(&own)[0]).fold(f32::INFINITY, f32::min);
+        let own = self.own(p).map(F8::splat);
+        let d2 = self.leaves.iter().map(|f| f.distance2(&own).least_lane()).fold(f32::INFINITY, f32::min);
         d2.sqrt() * self.inv_scale
     }
+}
 
-    fn sum_moments(&self) -> Vec<Moments> {
-        let mut all = vec![Moments::default(); self.nodes.len()];
-        // Children come after their parents.
-        for n in (0..self.nodes.len()).rev() {
-            let node = &self.nodes[n];
-            let mut parts: Vec<Moments> = Vec::with_capacity(LEAF);
-            if node.count > 0 {
-                parts.extend(self.facets[node.at as usize..][..node.count as usize].iter().map(Facet::moments));
-            } else {
-                parts.extend([all[n + 1], all[node.at as usize]]);
-            }
-            all[n] = Moments::join(&parts, node);
-        }
-        all
+type Corners = [Vector3<f32>; 3];
+
+/// Leaves of the left half: all full.
+fn left_leaves(n_leaves: usize) -> usize {
+    n_leaves.div_ceil(2)
+}
+
+/// Orders triangles so that every leaf, and every half of leaves at every level, lies together.
+fn split(order: &mut [u32], corners: &[Corners]) {
+    let n_leaves = order.len().div_ceil(LANES);
+    if n_leaves <= 1 {
+        return;
+    }
+    let middle = |t: u32| {
+        let [a, b, c] = corners[t as usize];
+        a + b + c
+    };
+    let (mut low, mut high) = (Vector3::repeat(f32::INFINITY), Vector3::repeat(f32::NEG_INFINITY));
+    for &t in order.iter() {
+        let m = middle(t);
+        low = low.inf(&m);
+        high = high.sup(&m);
+    }
+    let axis = (high - low).imax();
+    let half = left_leaves(n_leaves) * LANES;
+    if half < order.len() {
+        order.select_nth_unstable_by(half, |&s, &t| middle(s)[axis].total_cmp(&middle(t)[axis]).then(s.cmp(&t)));
+    }
+    let (left, right) = order.split_at_mut(half);
+    if half > SPLIT_AMONG_THREADS {
+        rayon::join(|| split(left, corners), || split(right, corners));
+    } else {
+        split(left, corners);
+        split(right, corners);
     }
 }
 
-impl Facet {
-    fn new([a, b, c]: [Vector3<f32>; 3]) -> Self {
-        let (ab, ac) = (b - a, c - a);
-        let [ab_ab, ab_ac, ac_ac] = [ab.norm_squared(), ab.dot(&ac), ac.norm_squared()];
-        let inverse = |x: f32| if x > 0.0 && x.is_normal() { 1.0 / x } else { 0.0 };
+/// What a child of a node holds.
+struct Child {
+    min: Vector3<f32>,
+    max: Vector3<f32>,
+    middle: Vector3<f32>,
+    area: Vector3<f32>,
+    /// Area without direction.
+    size: f32,
+    second: [f32; 6],
+}
+
+impl Child {
+    fn of_triangle([a, b, c]: &Corners) -> Self {
+        let area = (b - a).cross(&(c - a)) * 0.5;
         Self {
-            a: a.into(),
-            ab: ab.into(),
-            ac: ac.into(),
-            ab_ab,
-            ab_ac,
-            ac_ac,
-            inv_area: inverse(ab_ab * ac_ac - ab_ac * ab_ac),
-            inv_ab: inverse(ab_ab),
-            inv_ac: inverse(ac_ac),
-            inv_bc: inverse((c - b).norm_squared()),
+            min: a.inf(b).inf(c),
+            max: a.sup(b).sup(c),
+            middle: (a + b + c) / 3.0,
+            area,
+            size: area.norm(),
+            // Positions of a triangle average to its middle.
+            second: [0.0; 6],
         }
     }
 
-    /// Squared distance of eight points: the least over the three edges, and the face where the foot is on it.
-    #[inline(always)]
-    fn distance2(&self, p: &Points) -> [f32; PACKET] {
-        let mut out = [0.0; PACKET];
-        let [ab, ac] = [self.ab, self.ac];
-        for l in 0..PACKET {
-            let ap = [p[0][l] - self.a[0], p[1][l] - self.a[1], p[2][l] - self.a[2]];
-            let d1 = ab[0] * ap[0] + ab[1] * ap[1] + ab[2] * ap[2];
-            let d2 = ac[0] * ap[0] + ac[1] * ap[1] + ac[2] * ap[2];
-            // The point a + s ab + t ac of the triangle's plane.
-            let from = |s: f32, t: f32| {
-                let r = [0, 1, 2].map(|k: usize| ap[k] - s * ab[k] - t * ac[k]);
-                r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
-            };
-            let s = (self.ac_ac * d1 - self.ab_ac * d2) * self.inv_area;
-            let t = (self.ab_ab * d2 - self.ab_ac * d1) * self.inv_area;
-            let on_face = (s >= 0.0) & (t >= 0.0) & (s + t <= 1.0) & (self.inv_area > 0.0);
-            let face = from(s, t);
-            let u = clamp01((d2 - d1 + self.ab_ab - self.ab_ac) * self.inv_bc);
-            let edges = [
-                from(clamp01(d1 * self.inv_ab), 0.0),
-                from(0.0, clamp01(d2 * self.inv_ac)),
-                from(1.0 - u, u),
-            ];
-            let edge = least(least(edges[0], edges[1]), edges[2]);
-            out[l] = if on_face { least(face, edge) } else { edge };
-        }
-        out
+    /// Axes along the surface as columns, the last its mean normal.
+    fn axes(&self) -> Matrix3<f32> {
+        let longest = (self.max - self.min).imax();
+        let Some(normal) = self.area.try_normalize(f32::MIN_POSITIVE) else { return Matrix3::identity() };
+        let mut along = Vector3::zeros();
+        along[longest] = 1.0;
+        let across = normal.cross(&along);
+        // A surface that faces its box's longest way: any direction along it will do.
+        let across = if across.norm_squared() > 0.01 { across } else { normal.cross(&Vector3::ith(normal.iamin(), 1.0)) };
+        let across = across.normalize();
+        Matrix3::from_columns(&[across.cross(&normal), across, normal])
     }
 
-    /// Share of the full solid angle under which `q` sees the triangle, positive from behind.
-    fn winding(&self, q: &Vector3<f32>) -> f32 {
-        let a = (Vector3::from(self.a) - q).cast::<f64>();
-        let (b, c) = (a + Vector3::from(self.ab).cast(), a + Vector3::from(self.ac).cast());
-        let [la, lb, lc] = [a.norm(), b.norm(), c.norm()];
-        let volume = a.dot(&b.cross(&c));
-        let denominator = la * lb * lc + a.dot(&b) * lc + b.dot(&c) * la + c.dot(&a) * lb;
-        if volume == 0.0 { 0.0 } else { (volume.atan2(denominator) / std::f64::consts::TAU) as f32 }
-    }
-
-    fn moments(&self) -> Moments {
-        let [a, ab, ac] = [self.a, self.ab, self.ac].map(Vector3::from);
-        let area = ab.cross(&ac) * 0.5;
-        let middle = a + (ab + ac) / 3.0;
-        // The radius and the second moment of one triangle are never asked for: only nodes are.
-        Moments { middle, area, size: area.norm(), radius: 0.0, second: [0.0; 6] }
-    }
-}
-
-impl Moments {
-    /// How far away, in radii, a group may be taken together.
-    const FAR: f32 = 2.5;
-
-    fn join(parts: &[Self], node: &Node) -> Self {
+    fn join(parts: &[Self]) -> Self {
         let size: f32 = parts.iter().map(|m| m.size).sum();
+        let (mut min, mut max) = (Vector3::repeat(f32::INFINITY), Vector3::repeat(f32::NEG_INFINITY));
+        for part in parts {
+            min = min.inf(&part.min);
+            max = max.sup(&part.max);
+        }
         let middle = if size > 0.0 {
             parts.iter().map(|m| m.middle * m.size).sum::<Vector3<f32>>() / size
         } else {
-            (Vector3::from(node.min) + Vector3::from(node.max)) * 0.5
+            (min + max) * 0.5
         };
         let mut second = [0.0; 6];
         for m in parts {
@@ -280,164 +281,266 @@ impl Moments {
                 second[k] += m.second[k] + shifted[k];
             }
         }
-        let reach = (Vector3::from(node.max) - middle).sup(&(middle - Vector3::from(node.min)));
-        Self { middle, area: parts.iter().map(|m| m.area).sum(), size, radius: reach.norm(), second }
+        Self { min, max, middle, area: parts.iter().map(|m| m.area).sum(), size, second }
+    }
+}
+
+impl Node {
+    fn empty() -> Self {
+        let zero = F8::ZERO;
+        // Infinitely far from everything.
+        let half = [F8::splat(f32::NEG_INFINITY); 3];
+        Self { middle: [zero; 3], axes: [[zero; 3]; 3], half, child: [NONE; LANES] }
     }
 
-    /// The winding number of the group around `q`, where `q` is far enough.
-    #[inline(always)]
-    fn winding_from_afar(&self, q: &Vector3<f32>) -> Option<f32> {
-        let r = self.middle - q;
-        let r2 = r.norm_squared();
-        if r2 <= Self::FAR * Self::FAR * self.radius * self.radius || r2 == 0.0 {
-            return None;
+    /// Puts a child with these triangles into a lane.
+    fn set(&mut self, lane: usize, name: u32, child: &Child, triangles: &[u32], corners: &[Corners]) {
+        let axes = if triangles.len() <= MOST_ALIGNED { child.axes() } else { Matrix3::identity() };
+        let (mut low, mut high) = (child.min, child.max);
+        if triangles.len() <= MOST_ALIGNED {
+            (low, high) = (Vector3::repeat(f32::INFINITY), Vector3::repeat(f32::NEG_INFINITY));
+            for c in triangles.iter().flat_map(|&t| &corners[t as usize]) {
+                let c = axes.tr_mul(c);
+                low = low.inf(&c);
+                high = high.sup(&c);
+            }
         }
-        let inv2 = 1.0 / r2;
-        let inv3 = inv2 * inv2.sqrt();
-        let [xx, yy, zz, xy, yz, zx] = self.second;
-        let trace = xx + yy + zz;
-        let along = xx * r.x * r.x + yy * r.y * r.y + zz * r.z * r.z + xy * r.x * r.y + yz * r.y * r.z + zx * r.z * r.x;
-        Some((self.area.dot(&r) + trace - 3.0 * along * inv2) * inv3 / (2.0 * std::f32::consts::TAU))
-    }
-}
-
-#[inline(always)]
-fn clamp01(x: f32) -> f32 {
-    // In this form one instruction each, and not a number becomes zero.
-    let x = if x > 0.0 { x } else { 0.0 };
-    if x < 1.0 { x } else { 1.0 }
-}
-
-#[inline(always)]
-fn least(a: f32, b: f32) -> f32 {
-    if a < b { a } else { b }
-}
-
-/// Squared distances of eight points to a box.
-#[inline(always)]
-fn to_box(node: &Node, p: &Points) -> [f32; PACKET] {
-    let mut out = [0.0; PACKET];
-    for l in 0..PACKET {
-        let mut d2 = 0.0;
+        let middle = axes * ((low + high) * 0.5);
+        let half = (high - low) * 0.5;
         for k in 0..3 {
-            let below = node.min[k] - p[k][l];
-            let above = p[k][l] - node.max[k];
-            let gap = if below > above { below } else { above };
-            let gap = if gap > 0.0 { gap } else { 0.0 };
-            d2 += gap * gap;
+            self.middle[k].0[lane] = middle[k];
+            self.half[k].0[lane] = half[k] + ROUND_OFF;
+            for n in 0..3 {
+                self.axes[k][n].0[lane] = axes[(n, k)];
+            }
         }
-        out[l] = d2;
+        self.child[lane] = name;
     }
-    out
+
+    /// Squared distances of a point to the boxes.
+    #[inline(always)]
+    fn distance2(&self, p: &[F8; 3]) -> F8 {
+        let r = minus(p, &self.middle);
+        let [x, y, z] = &self.axes;
+        let gap = |along: F8, half: F8| along.zip(along, |a, _| a.abs()) - half;
+        norm2(&[
+            gap(dot(*x, r), self.half[0]).greatest(F8::ZERO),
+            gap(dot(*y, r), self.half[1]).greatest(F8::ZERO),
+            gap(dot(*z, r), self.half[2]).greatest(F8::ZERO),
+        ])
+    }
 }
 
-/// Whether any lane is below its bound, and the least of all.
+// Written out: a closure handed to `map` is compiled without the vector instructions of its caller.
+
 #[inline(always)]
-fn any_below(d2: &[f32; PACKET], bound: &[f32; PACKET]) -> (bool, f32) {
-    let mut any = false;
-    let mut nearest = f32::INFINITY;
-    for l in 0..PACKET {
-        any |= d2[l] < bound[l];
-        nearest = least(d2[l], nearest);
-    }
-    (any, nearest)
+fn minus(a: &[F8; 3], b: &[F8; 3]) -> [F8; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
 #[inline(always)]
-fn try_facet(facets: &[Facet], n: u32, p: &Points, best: &mut Nearest) {
-    let d2 = facets[n as usize].distance2(p);
-    for l in 0..PACKET {
-        let nearer = d2[l] < best.d2[l];
-        best.d2[l] = if nearer { d2[l] } else { best.d2[l] };
-        best.facet[l] = if nearer { n } else { best.facet[l] };
+fn along(from: &[F8; 3], s: F8, e: &[F8; 3]) -> [F8; 3] {
+    [from[0] - s * e[0], from[1] - s * e[1], from[2] - s * e[2]]
+}
+
+#[inline(always)]
+fn norm2(r: &[F8; 3]) -> F8 {
+    dot(*r, *r)
+}
+
+impl Leaf {
+    fn new(triangles: impl ExactSizeIterator<Item = Corners>) -> Self {
+        let count = triangles.len();
+        let zero = F8::ZERO;
+        let mut leaf = Self {
+            a: [zero; 3],
+            ab: [zero; 3],
+            ac: [zero; 3],
+            ab_ab: zero,
+            ab_ac: zero,
+            ac_ac: zero,
+            inv_area: zero,
+            inv_ab: zero,
+            inv_ac: zero,
+            inv_bc: zero,
+            count,
+        };
+        let inverse = |x: f32| if x.is_normal() && x > 0.0 { 1.0 / x } else { 0.0 };
+        let triangles: Vec<Corners> = triangles.collect();
+        for lane in 0..LANES {
+            let [a, b, c] = triangles[if lane < count { lane } else { 0 }];
+            let (ab, ac) = (b - a, c - a);
+            for k in 0..3 {
+                leaf.a[k].0[lane] = a[k];
+                leaf.ab[k].0[lane] = ab[k];
+                leaf.ac[k].0[lane] = ac[k];
+            }
+            let [ab_ab, ab_ac, ac_ac] = [ab.norm_squared(), ab.dot(&ac), ac.norm_squared()];
+            leaf.ab_ab.0[lane] = ab_ab;
+            leaf.ab_ac.0[lane] = ab_ac;
+            leaf.ac_ac.0[lane] = ac_ac;
+            leaf.inv_area.0[lane] = inverse(ab_ab * ac_ac - ab_ac * ab_ac);
+            leaf.inv_ab.0[lane] = inverse(ab_ab);
+            leaf.inv_ac.0[lane] = inverse(ac_ac);
+            leaf.inv_bc.0[lane] = inverse((c - b).norm_squared());
+        }
+        leaf
+    }
+
+    /// Squared distances of a point to the triangles: the least over three edges, and the face where the foot is on it.
+    #[inline(always)]
+    fn distance2(&self, p: &[F8; 3]) -> F8 {
+        let (ab, ac) = (&self.ab, &self.ac);
+        let ap = minus(p, &self.a);
+        let (d1, d2) = (dot(*ab, ap), dot(*ac, ap));
+        let s = (self.ac_ac * d1 - self.ab_ac * d2) * self.inv_area;
+        let t = (self.ab_ab * d2 - self.ab_ac * d1) * self.inv_area;
+        // The foot is on the face where s, t and the rest are none negative; elsewhere the face is given up.
+        let inner = s.least(t).least(F8::splat(1.0) - s - t);
+        let off_face = inner.zip(inner, |x, _| if x >= 0.0 { 0.0 } else { f32::INFINITY });
+        let u = ((d2 - d1 + self.ab_ab - self.ab_ac) * self.inv_bc).clamp01();
+        let on_ab = norm2(&along(&ap, (d1 * self.inv_ab).clamp01(), ab));
+        let on_ac = norm2(&along(&ap, (d2 * self.inv_ac).clamp01(), ac));
+        let on_bc = norm2(&along(&along(&ap, F8::splat(1.0) - u, ab), u, ac));
+        let on_face = norm2(&along(&along(&ap, s, ab), t, ac));
+        (on_face + off_face).least(on_ab.least(on_ac).least(on_bc))
+    }
+
+    /// Share of the full solid angle under which `q` sees the triangles, positive from behind.
+    fn winding(&self, q: &[f32; 3]) -> f32 {
+        let mut sum = 0.0;
+        for l in 0..self.count {
+            let vector = |v: &[F8; 3]| Vector3::new(v[0].0[l], v[1].0[l], v[2].0[l]);
+            let a = (vector(&self.a) - Vector3::from(*q)).cast::<f64>();
+            let (b, c) = (a + vector(&self.ab).cast(), a + vector(&self.ac).cast());
+            let [la, lb, lc] = [a.norm(), b.norm(), c.norm()];
+            let volume = a.dot(&b.cross(&c));
+            let denominator = la * lb * lc + a.dot(&b) * lc + b.dot(&c) * la + c.dot(&a) * lb;
+            if volume != 0.0 {
+                sum += volume.atan2(denominator);
+            }
+        }
+        (sum / std::f64::consts::TAU) as f32
+    }
+}
+
+impl Group {
+    /// How far away, in radii, a group may be taken together.
+    const FAR: f32 = 2.5;
+
+    fn empty() -> Self {
+        let zero = F8::ZERO;
+        Self { middle: [zero; 3], area: [zero; 3], second: [zero; 6], far2: F8::splat(-1.0) }
+    }
+
+    fn set(&mut self, lane: usize, child: &Child) {
+        let reach = (child.max - child.middle).sup(&(child.middle - child.min));
+        for k in 0..3 {
+            self.middle[k].0[lane] = child.middle[k];
+            self.area[k].0[lane] = child.area[k];
+        }
+        for k in 0..6 {
+            self.second[k].0[lane] = child.second[k];
+        }
+        self.far2.0[lane] = Self::FAR * Self::FAR * reach.norm_squared();
+    }
+
+    /// Winding numbers of the groups around `q`, of a dipole and a quadrupole each, and the lanes that are too near.
+    #[inline(always)]
+    fn winding(&self, q: &[F8; 3]) -> (F8, u8) {
+        let r = [self.middle[0] - q[0], self.middle[1] - q[1], self.middle[2] - q[2]];
+        let r2 = dot(r, r);
+        let near = !self.far2.less(r2);
+        let inv2 = r2.zip(self.far2, |r2, far2| if r2 > far2 && r2 > 0.0 { 1.0 / r2 } else { 0.0 });
+        let inv3 = inv2.zip(inv2, |a, b| a * b.sqrt());
+        let [xx, yy, zz, xy, yz, zx] = self.second;
+        let along = dot([xx, yy, zz], [r[0] * r[0], r[1] * r[1], r[2] * r[2]])
+            + dot([xy, yz, zx], [r[0] * r[1], r[1] * r[2], r[2] * r[0]]);
+        let sum = dot(self.area, r) + xx + yy + zz - F8::splat(3.0) * along * inv2;
+        (sum * inv3 * F8::splat(0.5 / std::f32::consts::TAU), near)
+    }
+}
+
+/// Squared distances of points to the nearest triangle; all in the tree's own coordinates.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+fn search(nodes: &[Node], leaves: &[Leaf], points: &[[f32; 3]], hint: &mut Hint, out: &mut [f32]) {
+    let mut stack = [(0.0f32, 0u32); MAX_STACK];
+    for (point, out) in points.iter().zip(out) {
+        let p = [F8::splat(point[0]), F8::splat(point[1]), F8::splat(point[2])];
+        let mut best = f32::INFINITY;
+        stack[0] = (0.0, 0);
+        stack[1] = (0.0, *hint | LEAF);
+        let mut depth = 2;
+        while depth > 0 {
+            depth -= 1;
+            let (bound, n) = stack[depth];
+            if bound >= best {
+                continue;
+            }
+            if n & LEAF != 0 {
+                let d2 = leaves[(n & !LEAF) as usize].distance2(&p);
+                let mut nearer = d2.less(F8::splat(best));
+                if nearer != 0 {
+                    *hint = n & !LEAF;
+                }
+                while nearer != 0 {
+                    let d2 = d2.0[nearer.trailing_zeros() as usize];
+                    best = if d2 < best { d2 } else { best };
+                    nearer &= nearer - 1;
+                }
+                continue;
+            }
+            let node = &nodes[n as usize];
+            let d2 = node.distance2(&p);
+            let mut within = d2.less(F8::splat(best));
+            let bottom = depth;
+            while within != 0 {
+                let lane = within.trailing_zeros() as usize;
+                within &= within - 1;
+                // The nearest on top.
+                let entry = (d2.0[lane], node.child[lane]);
+                let mut at = depth;
+                while at > bottom && stack[at - 1].0 < entry.0 {
+                    stack[at] = stack[at - 1];
+                    at -= 1;
+                }
+                stack[at] = entry;
+                depth += 1;
+            }
+        }
+        *out = best;
     }
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
-fn search(nodes: &[Node], facets: &[Facet], p: &Points, seeds: &[u32; PACKET], best: &mut Nearest) {
-    for l in 0..PACKET {
-        if !seeds[..l].contains(&seeds[l]) {
-            try_facet(facets, seeds[l], p, best);
-        }
-    }
-    let mut stack = [0u32; MAX_DEPTH];
-    let mut bounds = [[0.0f32; PACKET]; MAX_DEPTH];
+fn winding_in(nodes: &[Node], groups: &[Group], leaves: &[Leaf], q: &[f32; 3]) -> f32 {
+    let p = [F8::splat(q[0]), F8::splat(q[1]), F8::splat(q[2])];
+    let mut stack = [0u32; MAX_STACK];
     let mut depth = 1;
+    let mut sum = 0.0f32;
     while depth > 0 {
         depth -= 1;
-        let mut n = stack[depth] as usize;
-        if !any_below(&bounds[depth], &best.d2).0 {
-            continue;
+        let n = stack[depth] as usize;
+        let (from_afar, mut near) = groups[n].winding(&p);
+        for w in from_afar.0 {
+            sum += w;
         }
-        loop {
-            let node = &nodes[n];
-            if node.count > 0 {
-                for f in node.at..node.at + node.count {
-                    try_facet(facets, f, p, best);
-                }
-                break;
+        while near != 0 {
+            let lane = near.trailing_zeros() as usize;
+            near &= near - 1;
+            let child = nodes[n].child[lane];
+            if child == NONE {
+                continue;
             }
-            let children = [n + 1, node.at as usize];
-            let d2 = children.map(|c| to_box(&nodes[c], p));
-            let [(first, near_first), (second, near_second)] = [any_below(&d2[0], &best.d2), any_below(&d2[1], &best.d2)];
-            match (first, second) {
-                (false, false) => break,
-                (true, false) => n = children[0],
-                (false, true) => n = children[1],
-                (true, true) => {
-                    let later = usize::from(near_first <= near_second);
-                    stack[depth] = children[later] as u32;
-                    bounds[depth] = d2[later];
-                    depth += 1;
-                    n = children[1 - later];
-                }
+            if child & LEAF != 0 {
+                sum += leaves[(child & !LEAF) as usize].winding(q);
+            } else {
+                stack[depth] = child;
+                depth += 1;
             }
         }
     }
-}
-
-/// Nodes of a tree of `n` triangles.
-fn tree_size(n: usize) -> usize {
-    if n <= LEAF { 1 } else { 1 + tree_size(n / 2) + tree_size(n - n / 2) }
-}
-
-/// Builds the subtree of `order`, whose triangles begin at `first` in the finished order, in `nodes`, which begin at `base`.
-fn build(order: &mut [u32], first: usize, corners: &[[Vector3<f32>; 3]], nodes: &mut [Node], base: usize) {
-    let (mut low, mut high) = (Vector3::repeat(f32::INFINITY), Vector3::repeat(f32::NEG_INFINITY));
-    let (mut inner_low, mut inner_high) = (low, high);
-    let middle = |t: u32| {
-        let [a, b, c] = corners[t as usize];
-        a + b + c
-    };
-    for &t in order.iter() {
-        for c in &corners[t as usize] {
-            low = low.inf(c);
-            high = high.sup(c);
-        }
-        let m = middle(t);
-        inner_low = inner_low.inf(&m);
-        inner_high = inner_high.sup(&m);
-    }
-    nodes[0] = Node { min: low.into(), max: high.into(), at: first as u32, count: order.len() as u32 };
-    if order.len() <= LEAF {
-        return;
-    }
-    let half = order.len() / 2;
-    let axis = (inner_high - inner_low).imax();
-    order.select_nth_unstable_by(half, |&s, &t| middle(s)[axis].total_cmp(&middle(t)[axis]).then(s.cmp(&t)));
-    let n_left = tree_size(half);
-    nodes[0].count = 0;
-    nodes[0].at = (base + 1 + n_left) as u32;
-    let (left, right) = order.split_at_mut(half);
-    let (nodes_left, nodes_right) = nodes[1..].split_at_mut(n_left);
-    let mut left = || build(left, first, corners, nodes_left, base + 1);
-    let mut right = || build(right, first + half, corners, nodes_right, base + 1 + n_left);
-    if half > SPLIT_AMONG_THREADS {
-        rayon::join(left, right);
-    } else {
-        left();
-        right();
-    }
+    sum
 }
 
 #[cfg(test)]
@@ -467,7 +570,7 @@ mod tests {
         (points, triangles)
     }
 
-    fn lattice(n: usize) -> impl Iterator<Item = [Vector3<f32>; PACKET]> {
+    fn lattice(n: usize) -> impl Iterator<Item = [Vector3<f32>; LANES]> {
         (0..n * n * n).map(move |c| {
             let at = Vector3::new((c % n) as f32, (c / n % n) as f32, (c / (n * n)) as f32);
             std::array::from_fn(|l| {
@@ -483,15 +586,15 @@ mod tests {
         for size in [1.0, 1e-6, 1e6f32] {
             let points: Vec<_> = points.iter().map(|p| p * size + Vector3::new(0.3, 0.0, 0.1) * size).collect();
             let tree = TriangleTree::new(&points, &triangles);
-            let mut hint = None;
+            let mut hint = 0;
             for packet in lattice(8) {
                 let packet = packet.map(|p| p * size);
-                let found = tree.nearest(&packet, hint.as_ref());
-                for (l, d) in tree.distances(&found).into_iter().enumerate() {
+                let mut found = [0.0; 8];
+                tree.distances(&packet, &mut hint, &mut found);
+                for (l, d) in found.into_iter().enumerate() {
                     let all = tree.nearest_of_all(packet[l]);
                     assert!((d - all).abs() <= ROUND_OFF * size, "{d} but {all} at {:?}", packet[l]);
                 }
-                hint = Some(found);
             }
         }
     }
