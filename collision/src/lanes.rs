@@ -3,7 +3,7 @@
 //! Every operation is that of one number, lane by lane, in the order written: results are the same bits for any vector
 //! width and for one number alone.
 
-use std::ops::{Add, AddAssign, Mul, Neg, Sub};
+use std::ops::{Add, Mul, Sub};
 
 /// Numbers side by side.
 pub(crate) const LANES: usize = 8;
@@ -59,7 +59,7 @@ impl F8 {
     }
 
     /// The least of all lanes.
-    #[inline(always)]
+    #[cfg(test)]
     pub fn least_lane(self) -> f32 {
         let v = self.0;
         let least = |a: f32, b: f32| if a < b { a } else { b };
@@ -76,13 +76,6 @@ impl Add for F8 {
     }
 }
 
-impl AddAssign for F8 {
-    #[inline(always)]
-    fn add_assign(&mut self, other: Self) {
-        *self = *self + other;
-    }
-}
-
 impl Sub for F8 {
     type Output = Self;
     #[inline(always)]
@@ -96,14 +89,6 @@ impl Mul for F8 {
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
         self.zip(other, |a, b| a * b)
-    }
-}
-
-impl Neg for F8 {
-    type Output = Self;
-    #[inline(always)]
-    fn neg(self) -> Self {
-        Self::ZERO - self
     }
 }
 

@@ -109,8 +109,8 @@ mod tests {
     //! MS08 Fig. 15: the shape halfway between two keys, by each of the three methods.
 
     use super::*;
-    use crate::sdf::mesh_bake::bake_closed;
     use crate::sdf::mesh::ClosedMesh;
+    use crate::sdf::mesh_bake::bake_closed;
     use crate::{BakeParams, DeformingSolid, KeyedMesh};
 
     const RADIUS_CM: f32 = 0.3;

@@ -4,7 +4,8 @@
 //! each edge counted with its direction, is a set of closed curves; each is closed by a fan about its middle. The result
 //! has no boundary whatever the mesh was, so the number of times that it winds around a point is an integer, and a point is inside
 //! where that is not zero: also of solids that overlap themselves, are put together from parts, or are inside out
-//! (after Jacobson et al. 2013, and with groups taken together after Barill et al. 2018).
+//! (after Jacobson et al. 2013, and with groups taken together after Barill et al. 2018). Parts that face against each
+//! other cancel where they overlap, as the inner wall of a hollow does.
 
 use nalgebra::Vector3;
 use parry3d::math::Vector;

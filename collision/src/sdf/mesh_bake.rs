@@ -71,9 +71,7 @@ pub(crate) fn bake_closed(closed: &ClosedMesh, params: BakeParams) -> Result<Sig
 fn plan(closed: &ClosedMesh, params: &BakeParams) -> Result<Coarse, Error> {
     /// Bytes go as a power between two and three of the cell, so a few retries find one that fits.
     const RETRIES: usize = 100;
-    let rim = |cell: f32| {
-        closed.bounds.grown(params.margin.min(closed.bounds.size().norm()).max(2.0 * cell))
-    };
+    let rim = |cell: f32| closed.bounds.grown(params.margin.min(closed.bounds.size().norm()).max(2.0 * cell));
     if let Some(cell) = params.cell {
         return Coarse::new(closed, rim(cell), cell, params);
     }
@@ -158,7 +156,9 @@ impl Coarse {
         let unknown = vec![Side::Unknown; self.corners.n_nodes()];
         let mut flood = Flood { sides: unknown, queue: Vec::new() };
         let lattice = self.corners;
-        flood.run(lattice.nodes, lattice.cell, &self.at_corners, |n| closed.is_inside(lattice.position(lattice.node(n))));
+        flood.run(lattice.nodes, lattice.cell, &self.at_corners, |n| {
+            closed.is_inside(lattice.position(lattice.node(n)))
+        });
         for (d, side) in self.at_corners.iter_mut().zip(&flood.sides) {
             if *side == Side::Inside {
                 *d = -*d;
@@ -423,7 +423,8 @@ impl<'a> Block<'a> {
             closed.tree.distances(&at.map(middle), &mut hint, &mut exact);
             for l in 0..8 {
                 let [x, y, z] = at[l];
-                let corners: [f32; 8] = std::array::from_fn(|c| values[node(x + (c & 1), y + (c >> 1 & 1), z + (c >> 2))]);
+                let corners: [f32; 8] =
+                    std::array::from_fn(|c| values[node(x + (c & 1), y + (c >> 1 & 1), z + (c >> 2))]);
                 let sampled = corners.iter().sum::<f32>() / 8.0;
                 let largest = corners.iter().fold(0.0f32, |a, &b| if b.abs() > a.abs() { b } else { a });
                 let one_side = exact[l] + largest.abs() > 0.5 * 3f32.sqrt() * cell * OVERLAP;

@@ -249,7 +249,8 @@ impl Child {
         along[longest] = 1.0;
         let across = normal.cross(&along);
         // A surface that faces its box's longest way: any direction along it will do.
-        let across = if across.norm_squared() > 0.01 { across } else { normal.cross(&Vector3::ith(normal.iamin(), 1.0)) };
+        let across =
+            if across.norm_squared() > 0.01 { across } else { normal.cross(&Vector3::ith(normal.iamin(), 1.0)) };
         let across = across.normalize();
         Matrix3::from_columns(&[across.cross(&normal), across, normal])
     }
@@ -269,14 +270,8 @@ impl Child {
         let mut second = [0.0; 6];
         for m in parts {
             let (o, a) = (m.middle - middle, m.area);
-            let shifted = [
-                o.x * a.x,
-                o.y * a.y,
-                o.z * a.z,
-                o.x * a.y + o.y * a.x,
-                o.y * a.z + o.z * a.y,
-                o.z * a.x + o.x * a.z,
-            ];
+            let shifted =
+                [o.x * a.x, o.y * a.y, o.z * a.z, o.x * a.y + o.y * a.x, o.y * a.z + o.z * a.y, o.z * a.x + o.x * a.z];
             for k in 0..6 {
                 second[k] += m.second[k] + shifted[k];
             }
