@@ -1,6 +1,7 @@
 //! Generated scenes and what is seen of them.
 //!
 //! - [`shapes`]: solids made of closed forms (sphere, rod, comb, head) and their meshes
+//! - [`shapes_gear`], [`shapes_hand`]: gears cut through, a hand that closes and opens, as closed meshes
 //! - [`grooms`]: a combed head of hair of any strand count, from a seed
 //! - [`picture`]: pictures without a window
 //! - [`world`]: a scene made real; [`full_space`]: every strand of it simulated
@@ -20,6 +21,8 @@ pub mod measures;
 pub mod picture;
 pub mod run;
 pub mod shapes;
+pub mod shapes_gear;
+pub mod shapes_hand;
 pub mod strand_bench;
 pub mod strand_scenes;
 pub mod world;
