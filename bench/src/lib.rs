@@ -6,12 +6,14 @@
 //! - [`picture`]: pictures without a window
 //! - [`world`]: a scene made real; [`full_space`]: every strand of it simulated
 //! - [`head_motion`]: random head motion for training
+//! - [`collision_bench`]: what distance fields cost, and their errors
 //! - [`strand_scenes`]: the tests of MS08 on single hairs and a tuft
 //! - [`run`]: a scene run in one of the modes compared; [`measures`]: what it is judged by
 //!
 //! Centimetre, gram, second. Everything here is a function of its parameters and seed: the same bytes on any machine
 //! with the same floating-point library, for any thread count.
 
+pub mod collision_bench;
 mod error;
 pub mod full_space;
 pub mod grooms;
@@ -21,6 +23,7 @@ pub mod measures;
 pub mod picture;
 pub mod run;
 pub mod shapes;
+pub mod shapes_bumpy;
 pub mod shapes_gear;
 pub mod shapes_hand;
 pub mod strand_bench;
