@@ -26,9 +26,6 @@ const MAX_BRICKS: usize = (1 << 31) / VALUES - 1;
 const BLOCK: usize = 16;
 const BLOCK_BRICKS: usize = BLOCK / BRICK;
 const BLOCK_NODES: usize = BLOCK + 1;
-/// Distances are rounded: balls cover the way between nodes only where they overlap by this share.
-const OVERLAP: f32 = 1.0 + 1e-4;
-
 /// Bakes a mesh already closed.
 pub(crate) fn bake_closed(closed: &ClosedMesh, params: BakeParams) -> Result<SignedDistanceField, Error> {
     for (name, value) in [("margin", params.margin), ("band_cells", params.band_cells)] {
@@ -143,6 +140,12 @@ impl Coarse {
         Bounds::new(self.corners.origin, self.corners.position(self.count))
     }
 
+    /// What the distances at two ends of a way must exceed together for balls around them to cover it, whatever was rounded: a
+    /// way straight through a face would else let one side through to the other.
+    fn surely_covered(&self, way: f32) -> f32 {
+        way + 4.0 * round_off(&self.bounds())
+    }
+
     fn n_blocks(&self) -> usize {
         self.count.iter().map(|n| n.div_ceil(BLOCK_BRICKS)).product()
     }
@@ -156,7 +159,7 @@ impl Coarse {
         let unknown = vec![Side::Unknown; self.corners.n_nodes()];
         let mut flood = Flood { sides: unknown, queue: Vec::new() };
         let lattice = self.corners;
-        flood.run(lattice.nodes, lattice.cell, &self.at_corners, |n| {
+        flood.run(lattice.nodes, self.surely_covered(lattice.cell), &self.at_corners, |n| {
             closed.is_inside(lattice.position(lattice.node(n)))
         });
         for (d, side) in self.at_corners.iter_mut().zip(&flood.sides) {
@@ -211,20 +214,19 @@ struct Flood {
 
 impl Flood {
     /// Sides of all nodes that are unknown; those known already must be in the queue. `is_inside` is asked for one node of
-    /// each set that hangs together.
-    fn run(&mut self, nodes: [usize; 3], step: f32, distance: &[f32], is_inside: impl Fn(usize) -> bool) {
-        self.spread(nodes, step, distance);
+    /// each set that hangs together; neighbours do whose distances sum to more than `least`.
+    fn run(&mut self, nodes: [usize; 3], least: f32, distance: &[f32], is_inside: impl Fn(usize) -> bool) {
+        self.spread(nodes, least, distance);
         for n in 0..self.sides.len() {
             if self.sides[n] == Side::Unknown {
                 self.sides[n] = if is_inside(n) { Side::Inside } else { Side::Outside };
                 self.queue.push(n);
-                self.spread(nodes, step, distance);
+                self.spread(nodes, least, distance);
             }
         }
     }
 
-    fn spread(&mut self, [nx, ny, nz]: [usize; 3], step: f32, distance: &[f32]) {
-        let least = step * OVERLAP;
+    fn spread(&mut self, [nx, ny, nz]: [usize; 3], least: f32, distance: &[f32]) {
         while let Some(n) = self.queue.pop() {
             let (side, d) = (self.sides[n], distance[n].abs());
             let [i, j, k] = [n % nx, n / nx % ny, n / (nx * ny)];
@@ -427,7 +429,7 @@ impl<'a> Block<'a> {
                     std::array::from_fn(|c| values[node(x + (c & 1), y + (c >> 1 & 1), z + (c >> 2))]);
                 let sampled = corners.iter().sum::<f32>() / 8.0;
                 let largest = corners.iter().fold(0.0f32, |a, &b| if b.abs() > a.abs() { b } else { a });
-                let one_side = exact[l] + largest.abs() > 0.5 * 3f32.sqrt() * cell * OVERLAP;
+                let one_side = exact[l] + largest.abs() > self.coarse.surely_covered(0.5 * 3f32.sqrt() * cell);
                 let is_inside = if one_side { largest < 0.0 } else { closed.is_inside(middle(at[l])) };
                 let exact = if is_inside { -exact[l] } else { exact[l] };
                 let error = overstatement(sampled, exact, cell);

@@ -23,17 +23,20 @@ const NONE: u32 = u32::MAX;
 /// Every level holds an eighth of the triangles of the one above, and each leaves at most seven children for later.
 const MAX_STACK: usize = 8 * 12;
 
-/// Eight triangles prepared for distances: a corner, two edges, and what their products give.
+/// Eight triangles prepared for distances: the corner across from the longest edge, the edges from there, and the vectors
+/// whose products with a point's place give its place on the triangle. Made in double precision, so that needles are
+/// as exact as any other.
 #[derive(Debug, Clone)]
 struct Leaf {
     a: [F8; 3],
     ab: [F8; 3],
     ac: [F8; 3],
-    ab_ab: F8,
-    ab_ac: F8,
-    ac_ac: F8,
-    /// One over |ab|²|ac|² - (ab·ac)², |ab|², |ac|², |bc|²; zero for what has no length or area.
-    inv_area: F8,
+    /// Share of the way along each edge, by product with a place from `a`; zero for what has no area.
+    along_ab: [F8; 3],
+    along_ac: [F8; 3],
+    normal: [F8; 3],
+    /// |ab|² - ab·ac, then one over |ab|², |ac|², |bc|²; zero for what has no length.
+    to_bc: F8,
     inv_ab: F8,
     inv_ac: F8,
     inv_bc: F8,
@@ -346,38 +349,50 @@ fn norm2(r: &[F8; 3]) -> F8 {
 impl Leaf {
     fn new(triangles: impl ExactSizeIterator<Item = Corners>) -> Self {
         let count = triangles.len();
-        let zero = F8::ZERO;
+        let (zero, none) = (F8::ZERO, [F8::ZERO; 3]);
         let mut leaf = Self {
-            a: [zero; 3],
-            ab: [zero; 3],
-            ac: [zero; 3],
-            ab_ab: zero,
-            ab_ac: zero,
-            ac_ac: zero,
-            inv_area: zero,
+            a: none,
+            ab: none,
+            ac: none,
+            along_ab: none,
+            along_ac: none,
+            normal: none,
+            to_bc: zero,
             inv_ab: zero,
             inv_ac: zero,
             inv_bc: zero,
             count,
         };
-        let inverse = |x: f32| if x.is_normal() && x > 0.0 { 1.0 / x } else { 0.0 };
+        let inverse = |x: f64| if x > f64::from(f32::MIN_POSITIVE) { 1.0 / x } else { 0.0 };
         let triangles: Vec<Corners> = triangles.collect();
         for lane in 0..LANES {
-            let [a, b, c] = triangles[if lane < count { lane } else { 0 }];
+            let mut corners = triangles[if lane < count { lane } else { 0 }];
+            let across = |c: &Corners, n: usize| (c[(n + 1) % 3] - c[(n + 2) % 3]).norm_squared();
+            let first = (0..3).max_by(|&m, &n| across(&corners, m).total_cmp(&across(&corners, n))).unwrap_or(0);
+            corners.rotate_left(first);
+            let [a, b, c] = corners.map(|c| c.cast::<f64>());
             let (ab, ac) = (b - a, c - a);
-            for k in 0..3 {
-                leaf.a[k].0[lane] = a[k];
-                leaf.ab[k].0[lane] = ab[k];
-                leaf.ac[k].0[lane] = ac[k];
+            let area = ab.cross(&ac);
+            let inv_area2 = inverse(area.norm_squared());
+            let set = |to: &mut [F8; 3], v: Vector3<f64>| {
+                for k in 0..3 {
+                    to[k].0[lane] = v[k] as f32;
+                }
+            };
+            set(&mut leaf.a, a);
+            set(&mut leaf.ab, ab);
+            set(&mut leaf.ac, ac);
+            set(&mut leaf.along_ab, ac.cross(&area) * inv_area2);
+            set(&mut leaf.along_ac, area.cross(&ab) * inv_area2);
+            set(&mut leaf.normal, area * inv_area2.sqrt());
+            leaf.to_bc.0[lane] = (ab.norm_squared() - ab.dot(&ac)) as f32;
+            leaf.inv_ab.0[lane] = inverse(ab.norm_squared()) as f32;
+            leaf.inv_ac.0[lane] = inverse(ac.norm_squared()) as f32;
+            leaf.inv_bc.0[lane] = inverse((c - b).norm_squared()) as f32;
+            if inv_area2 == 0.0 {
+                // On no face: the share along an edge is never within it.
+                leaf.along_ab[0].0[lane] = f32::NAN;
             }
-            let [ab_ab, ab_ac, ac_ac] = [ab.norm_squared(), ab.dot(&ac), ac.norm_squared()];
-            leaf.ab_ab.0[lane] = ab_ab;
-            leaf.ab_ac.0[lane] = ab_ac;
-            leaf.ac_ac.0[lane] = ac_ac;
-            leaf.inv_area.0[lane] = inverse(ab_ab * ac_ac - ab_ac * ab_ac);
-            leaf.inv_ab.0[lane] = inverse(ab_ab);
-            leaf.inv_ac.0[lane] = inverse(ac_ac);
-            leaf.inv_bc.0[lane] = inverse((c - b).norm_squared());
         }
         leaf
     }
@@ -388,16 +403,16 @@ impl Leaf {
         let (ab, ac) = (&self.ab, &self.ac);
         let ap = minus(p, &self.a);
         let (d1, d2) = (dot(*ab, ap), dot(*ac, ap));
-        let s = (self.ac_ac * d1 - self.ab_ac * d2) * self.inv_area;
-        let t = (self.ab_ab * d2 - self.ab_ac * d1) * self.inv_area;
+        let (s, t) = (dot(self.along_ab, ap), dot(self.along_ac, ap));
         // The foot is on the face where s, t and the rest are none negative; elsewhere the face is given up.
         let inner = s.least(t).least(F8::splat(1.0) - s - t);
         let off_face = inner.zip(inner, |x, _| if x >= 0.0 { 0.0 } else { f32::INFINITY });
-        let u = ((d2 - d1 + self.ab_ab - self.ab_ac) * self.inv_bc).clamp01();
+        let u = ((d2 - d1 + self.to_bc) * self.inv_bc).clamp01();
         let on_ab = norm2(&along(&ap, (d1 * self.inv_ab).clamp01(), ab));
         let on_ac = norm2(&along(&ap, (d2 * self.inv_ac).clamp01(), ac));
         let on_bc = norm2(&along(&along(&ap, F8::splat(1.0) - u, ab), u, ac));
-        let on_face = norm2(&along(&along(&ap, s, ab), t, ac));
+        let height = dot(self.normal, ap);
+        let on_face = height * height;
         (on_face + off_face).least(on_ab.least(on_ac).least(on_bc))
     }
 
