@@ -23,4 +23,3 @@ pub use batch::Samples;
 pub use bytes::FIELD_VERSION;
 pub use field::DistanceField;
 pub use grid::{Bounds, FieldId, SignedDistanceField};
-#[cfg(test)] mod dbg_test;

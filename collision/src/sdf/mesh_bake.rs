@@ -374,7 +374,9 @@ impl<'a> Block<'a> {
                 }
             }
         }
-        flood.run(BLOCK_SHAPE, self.coarse.cell, distance, |n| closed.is_inside(self.position(self.lattice.node(n))));
+        flood.run(BLOCK_SHAPE, self.coarse.surely_covered(self.coarse.cell), distance, |n| {
+            closed.is_inside(self.position(self.lattice.node(n)))
+        });
         for (d, side) in distance.iter_mut().zip(&flood.sides) {
             if *side == Side::Inside {
                 *d = -*d;

@@ -380,3 +380,26 @@ fn a_field_read_back_from_its_bytes_is_the_same_field() {
         }
     }
 }
+
+#[test]
+fn faces_that_pass_through_nodes_let_neither_side_through() {
+    // Far from the origin, where coordinates are rounded; long thin triangles; nodes on the faces themselves.
+    let cell = 0.015_625;
+    for (half, shift) in [([0.25, 0.125, 5.0], 0.0), ([0.25, 0.125, 5.0], 37.3), ([1.0, 0.031_25, 4.0], 9.7)] {
+        let mut mesh = cuboid(half);
+        mesh.0.iter_mut().for_each(|p| p[2] += shift);
+        let params = BakeParams { margin: 4.0 * cell, max_bytes: 1 << 28, ..BakeParams::with_cell(cell) };
+        let sdf = bake_from_mesh(&mesh.0, &mesh.1, params).expect("a closed mesh");
+        let shape = Shape::Box { center: Vector3::new(0.0, 0.0, shift), half: Vector3::from(half), rounding: 0.0 };
+        let mut random = Random::new(39);
+        for _ in 0..20_000 {
+            let p = random.in_box(sdf.bounds().min, sdf.bounds().max);
+            let exact = shape.distance(p);
+            if exact.abs() < sdf.band() {
+                assert!((sdf.distance(p) - exact).abs() < 0.5 * cell, "{} but {exact} at {p:?}", sdf.distance(p));
+            } else {
+                assert_eq!(sdf.distance(p) < 0.0, exact < 0.0, "at {p:?}");
+            }
+        }
+    }
+}
