@@ -5,6 +5,7 @@
 
 use crate::error::Error;
 use crate::shapes::{self, CombParams};
+use crate::strand_bench::Row;
 use collision::ccd::first_touch;
 use collision::contact::deepest_on_segment;
 use collision::segment_pair::{Segment, Sweep, between};
@@ -269,4 +270,23 @@ pub fn response(comb: &Comb, sweeps: usize, seed: u64, exact: bool) -> Result<Sw
     };
     let workers = (0..sweeps).into_par_iter().map_init(StepWorkspace::default, one);
     Ok(workers.reduce(SweepReport::default, SweepReport::add))
+}
+
+/// `sweeps`, half of them past strands at rest and half through simulated ones, and what goes through of either.
+///
+/// # Errors
+/// As [`Comb::dressing`] and [`response`].
+pub fn sweeps() -> Result<Vec<Row>, Error> {
+    const HALF: usize = 5_000;
+    let comb = Comb::dressing()?;
+    let [followed, at_end] = detection(&comb, HALF, 1);
+    let by_field = response(&comb, HALF, 1, false)?;
+    let held_off = response(&comb, HALF, 1, true)?;
+    Ok(vec![
+        ("sweeps", "", (followed.sweeps + held_off.sweeps) as f64),
+        ("tunnelled_with_ccd", "", (followed.tunnelled + held_off.tunnelled) as f64),
+        ("tunnelled_without_ccd", "", (at_end.tunnelled + by_field.tunnelled) as f64),
+        ("tunnelled_unseen_with_ccd", "", followed.tunnelled as f64),
+        ("given_up_with_ccd", "", held_off.given_up as f64),
+    ])
 }

@@ -1,17 +1,21 @@
 //! Generated scenes and what is seen of them.
 //!
 //! - [`shapes`]: solids made of closed forms (sphere, rod, comb, head) and their meshes
+//! - [`shapes_gear`], [`shapes_hand`]: gears cut through, a hand that closes and opens, as closed meshes
 //! - [`grooms`]: a combed head of hair of any strand count, from a seed
 //! - [`picture`]: pictures without a window
 //! - [`world`]: a scene made real; [`full_space`]: every strand of it simulated
 //! - [`head_motion`]: random head motion for training
+//! - [`comb_sweeps`]: combs swept through strands, and what goes through
 //! - [`collision_checks`]: the interpolation check beside exact tests, and what culling saves
+//! - [`collision_bench`]: what distance fields cost, and their errors
 //! - [`strand_scenes`]: the tests of MS08 on single hairs and a tuft
 //! - [`run`]: a scene run in one of the modes compared; [`measures`]: what it is judged by
 //!
 //! Centimetre, gram, second. Everything here is a function of its parameters and seed: the same bytes on any machine
 //! with the same floating-point library, for any thread count.
 
+pub mod collision_bench;
 pub mod collision_checks;
 pub mod comb_sweeps;
 mod error;
@@ -23,6 +27,9 @@ pub mod measures;
 pub mod picture;
 pub mod run;
 pub mod shapes;
+pub mod shapes_bumpy;
+pub mod shapes_gear;
+pub mod shapes_hand;
 pub mod strand_bench;
 pub mod strand_scenes;
 pub mod world;

@@ -10,8 +10,8 @@ use parry3d::shape::TriMesh;
 use crate::body::MovingBody;
 use crate::error::Error;
 use crate::sdf::advect::DeformedField;
-use crate::sdf::bake::bake_closed;
 use crate::sdf::mesh::ClosedMesh;
+use crate::sdf::mesh_bake::bake_closed;
 use crate::sdf::shift::ShiftField;
 use crate::sdf::{BakeParams, Bounds, DistanceField, SignedDistanceField};
 use crate::solid::SolidPose;
@@ -58,7 +58,7 @@ struct Motion {
 }
 
 impl DeformingSolid {
-    /// Bakes every key of a closed mesh and the motion between them.
+    /// Bakes every key of a mesh and the motion between them.
     ///
     /// # Errors
     /// Fewer than two keys, times that do not increase, keys of different sizes, and for each key as
@@ -71,7 +71,7 @@ impl DeformingSolid {
             let named = |e| Error::BadKey { key, source: Box::new(e) };
             let surface = ClosedMesh::new(positions, mesh.triangles).map_err(named)?;
             keys.push(bake_closed(&surface, params).map_err(named)?);
-            closed.push(surface.mesh);
+            closed.push(surface.indexed().map_err(named)?);
         }
         let mut motions = Vec::with_capacity(keys.len() - 1);
         for n in 0..keys.len() - 1 {

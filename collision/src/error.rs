@@ -11,7 +11,7 @@ use thiserror::Error;
 pub enum Error {
     /// There is nothing to bake.
     #[error(
-        "solid has {n_vertices} vertices and {n_triangles} usable triangles; a closed solid needs at least 4 of each"
+        "solid has {n_vertices} vertices and {n_triangles} usable triangles; it needs at least 4 vertices and 3 triangles"
     )]
     EmptyMesh {
         /// Vertices given.
@@ -37,49 +37,34 @@ pub enum Error {
         /// Vertices given.
         n_vertices: usize,
     },
-    /// The surface has holes, so inside and outside are undefined.
+    /// The surface has holes so large that inside and outside are undefined.
     #[error(
-        "mesh is open: {n_edges} boundary edges, the first between vertices {} and {}; close the holes before baking",
+        "mesh is open: {n_edges} boundary edges, the first between vertices {} and {}; closing its holes would take \
+         {share_pct} % of its own area, so what is inside is anyone's guess; close the holes before baking",
         first[0], first[1]
     )]
     OpenMesh {
-        /// Edges with a triangle on one side only.
+        /// Edges along which triangles are missing.
         n_edges: usize,
         /// Vertices of the first of them.
         first: [u32; 2],
+        /// Area that would close the holes, percent of the mesh's own.
+        share_pct: f32,
     },
-    /// More than two triangles meet at an edge.
+    /// The surface has one side only, as a Möbius band or a Klein bottle.
     #[error(
-        "mesh is not manifold: {n_edges} edges carry more than two triangles, the first between vertices {} and {}; \
-         separate the parts before baking",
+        "mesh has one side only: its triangles cannot be wound consistently across {n_edges} edges, the first between \
+         vertices {} and {}; cut the mesh there before baking",
         first[0], first[1]
     )]
-    NonManifold {
-        /// Edges with more than two triangles.
+    OneSided {
+        /// Edges across which neighbours cannot be made to agree.
         n_edges: usize,
         /// Vertices of the first of them.
         first: [u32; 2],
-    },
-    /// Neighbouring triangles disagree about the outside.
-    #[error(
-        "triangles wind inconsistently across {n_edges} edges, the first between vertices {} and {}; \
-         recalculate normals before baking",
-        first[0], first[1]
-    )]
-    InconsistentWinding {
-        /// Edges that both neighbours run through in the same direction.
-        n_edges: usize,
-        /// Vertices of the first of them.
-        first: [u32; 2],
-    },
-    /// The surface is inside out.
-    #[error("mesh faces inwards: its signed volume is {volume_cm3} cm3; flip the triangles before baking")]
-    InwardFacing {
-        /// Signed volume, cm^3.
-        volume_cm3: f64,
     },
     /// The surface encloses nothing.
-    #[error("mesh is flat: it encloses {volume_cm3} cm3 in a box of {box_cm3} cm3")]
+    #[error("mesh is flat: it encloses {volume_cm3} cm3 in a box of {box_cm3} cm3; give it thickness before baking")]
     NoVolume {
         /// Signed volume, cm^3.
         volume_cm3: f64,
@@ -175,5 +160,11 @@ pub enum Error {
     Unusable {
         /// Its explanation.
         reason: String,
+    },
+    /// Bytes that are no field, or one of another layout.
+    #[error("bytes hold no distance field: {reason}; bake the solid again")]
+    BadBytes {
+        /// What does not fit.
+        reason: &'static str,
     },
 }

@@ -4,7 +4,7 @@
 //! [`DeformingSolid`] has one for each key frame and is interpolated between them (MS08 §5.1). The crate
 //! knows nothing of skinning or springs: it sees points, segments and ribbons between segments.
 //!
-//! - [`sdf`]: the field on a grid, baked from a closed mesh or a function (AS16 §5.1)
+//! - [`sdf`]: the field on a grid, baked from a mesh or a function (AS16 §5.1)
 //! - [`shapes`]: closed forms, for tools and tests
 //! - [`contact`]: the deepest point of a segment
 //! - [`clearance`]: the interpolation check between two guides (AS16 §4.2)
@@ -13,7 +13,7 @@
 //! - [`spatial_hash`], [`segment_pair`]: which hair segments are near each other, and which cross (MS08 §5.2, §5.3)
 //!
 //! Centimetre, gram, second; positive distances are outside. Queries neither fail nor allocate; what has no inside is
-//! refused when it is baked. Self-intersecting meshes are not detected.
+//! refused when it is baked.
 //!
 //! ```
 //! use collision::{contact, shapes::Shape, Solid};
@@ -36,6 +36,7 @@ pub mod cull;
 mod deforming;
 mod error;
 pub mod friction;
+mod lanes;
 pub mod penalty;
 pub mod sdf;
 pub mod segment_pair;
@@ -53,7 +54,8 @@ pub use error::Error;
 pub use friction::friction_velocity;
 pub use penalty::{PenaltyParams, SegmentForce, penalty_force, penalty_on_segment};
 pub use sdf::{
-    BakeParams, Bounds, DeformedField, DistanceField, FieldId, SignedDistanceField, bake_from_fn, bake_from_mesh,
+    BakeParams, Bounds, DeformedField, DistanceField, FIELD_VERSION, FieldId, Samples, SignedDistanceField,
+    bake_from_fn, bake_from_mesh,
 };
 pub use shapes::{Shape, ShapeUnion};
 pub use solid::{MovingSolid, Solid, SolidPose, VelocityField};

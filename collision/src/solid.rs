@@ -7,8 +7,8 @@
 use nalgebra::{Isometry3, Matrix3, Point3, UnitQuaternion, Vector3};
 
 use crate::error::Error;
-use crate::sdf::bake::bake_closed;
 use crate::sdf::mesh::ClosedMesh;
+use crate::sdf::mesh_bake::bake_closed;
 use crate::sdf::{BakeParams, Bounds, SignedDistanceField, bake_from_fn};
 use crate::shapes::ShapeUnion;
 use crate::thickness::smallest_half_thickness;
@@ -44,7 +44,7 @@ impl Solid {
         Ok(Self { name: name.to_owned(), sdf, half_thickness_cm, friction })
     }
 
-    /// Bakes a closed mesh (cm) and measures its thinnest feature.
+    /// Bakes a mesh (cm) and measures its thinnest feature.
     ///
     /// # Errors
     /// As [`crate::bake_from_mesh`].
@@ -59,7 +59,7 @@ impl Solid {
         Ok(Self {
             name: name.to_owned(),
             sdf: bake_closed(&closed, params)?,
-            half_thickness_cm: smallest_half_thickness(&closed.mesh),
+            half_thickness_cm: smallest_half_thickness(&closed.indexed()?),
             friction,
         })
     }

@@ -30,6 +30,8 @@ impl Kind {
     pub const FRAME_STORE: Self = Self(*b"FRAM");
     /// The finished result of one training stage, kept so that a killed run can go on.
     pub const TRAINING_STAGE: Self = Self(*b"TRST");
+    /// A solid baked to a distance field.
+    pub const BAKED_SOLID: Self = Self(*b"BSDF");
 }
 
 impl std::fmt::Display for Kind {
@@ -38,6 +40,7 @@ impl std::fmt::Display for Kind {
             Self::SKINNING_MODEL => f.write_str("skinning model"),
             Self::FRAME_STORE => f.write_str("frame store"),
             Self::TRAINING_STAGE => f.write_str("training stage"),
+            Self::BAKED_SOLID => f.write_str("baked solid"),
             Self(tag) => write!(f, "file of kind \"{}\"", tag.escape_ascii()),
         }
     }

@@ -22,6 +22,7 @@ compile_error!(
 
 mod bytes;
 
+pub mod bake_cache;
 pub mod bvh;
 pub mod envelope;
 pub mod error;
@@ -31,11 +32,13 @@ pub mod guide_transform;
 pub mod hair;
 pub mod mesh;
 pub mod motion;
+pub mod ply;
 pub mod scene;
 pub mod skinning_model;
 pub mod tfx;
 pub mod usd;
 
+pub use bake_cache::{BakeCache, BakeKey};
 pub use bvh::Bvh;
 pub use error::{Error, Result};
 pub use frames::{FrameInfo, FrameSource, FrameStore, FrameStoreWriter, MemoryFrames};
@@ -43,6 +46,7 @@ pub use groom::{Groom, LengthUnit, UniformGroom, read_groom};
 pub use hair::{read_hair, write_hair};
 pub use mesh::{TriMesh, read_mesh, read_obj, read_stl, write_obj};
 pub use motion::{MotionEnd, PoseKey, PoseMotion};
+pub use ply::read_ply;
 pub use scene::Scene;
 pub use skinning_model::{MaterialRecord, SkinningModel, WeightPoly};
 pub use tfx::read_tfx;

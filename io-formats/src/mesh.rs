@@ -1,6 +1,6 @@
-//! Triangle meshes of solids from OBJ and STL, in centimetres, with equal vertices merged.
+//! Triangle meshes of solids from OBJ, STL and PLY, in centimetres, with equal vertices merged.
 //!
-//! Merging is by position (both formats repeat vertices along seams), so that a mesh that is closed in space is closed in its
+//! Merging is by position (files repeat vertices along seams), so that a mesh that is closed in space is closed in its
 //! indices; triangles that lose a corner to it have no area and are dropped. Invariant after reading: coordinates finite,
 //! indices in range, at least one triangle.
 
@@ -97,7 +97,7 @@ impl TriMesh {
     }
 }
 
-/// Reads a mesh by its extension, `.obj` or `.stl`.
+/// Reads a mesh by its extension, `.obj`, `.stl` or `.ply`.
 ///
 /// # Errors
 /// Those of the format's reader; [`Error::UnknownExtension`] for any other extension.
@@ -106,7 +106,8 @@ pub fn read_mesh(path: &Path, unit: LengthUnit) -> Result<TriMesh> {
     match extension.as_deref() {
         Some("obj") => read_obj(path, unit),
         Some("stl") => read_stl(path, unit),
-        _ => Err(Error::UnknownExtension { path: path.to_path_buf(), expected: ".obj, .stl" }),
+        Some("ply") => crate::ply::read_ply(path, unit),
+        _ => Err(Error::UnknownExtension { path: path.to_path_buf(), expected: ".obj, .stl, .ply" }),
     }
 }
 
@@ -198,16 +199,16 @@ pub fn parse_stl(path: &Path, bytes: &[u8], unit: LengthUnit) -> Result<TriMesh>
 
 /// Collects triangles by their corners and merges vertices of equal position.
 #[derive(Default)]
-struct Weld {
+pub(crate) struct Weld {
     corners: Vec<[[f32; 3]; 3]>,
 }
 
 impl Weld {
-    fn add(&mut self, corners: [[f32; 3]; 3]) {
+    pub(crate) fn add(&mut self, corners: [[f32; 3]; 3]) {
         self.corners.push(corners);
     }
 
-    fn finish(self, path: &Path, unit: LengthUnit) -> Result<TriMesh> {
+    pub(crate) fn finish(self, path: &Path, unit: LengthUnit) -> Result<TriMesh> {
         let finite = |t: &[[f32; 3]; 3]| t.iter().flatten().all(|x| x.is_finite());
         if let Some(i) = self.corners.iter().position(|t| !finite(t)) {
             return Err(Error::BadMesh {

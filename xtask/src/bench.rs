@@ -1,5 +1,6 @@
 //! `xtask bench`: what is measured apart from whole scenes of the salon.
 
+mod collision;
 mod strand_scenes;
 mod strand_sim;
 
@@ -14,6 +15,8 @@ pub struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum What {
+    /// Distance fields: seconds and bytes of baking, samples a second, errors against every triangle.
+    Collision(collision::Args),
     /// The tests of single hairs and a tuft of MS08 Fig. 10, 11, 13: figures and pictures.
     StrandScenes(strand_scenes::Args),
     /// The cost of the strand simulator: ratios measured in one run, MS08 Table 2, a full head.
@@ -23,6 +26,7 @@ enum What {
 /// Runs the command.
 pub fn run(args: Args) -> Result<()> {
     match args.what {
+        What::Collision(args) => collision::run(args),
         What::StrandScenes(args) => strand_scenes::run(args),
         What::StrandSim(args) => strand_sim::run(args),
     }

@@ -109,8 +109,8 @@ mod tests {
     //! MS08 Fig. 15: the shape halfway between two keys, by each of the three methods.
 
     use super::*;
-    use crate::sdf::bake::bake_closed;
     use crate::sdf::mesh::ClosedMesh;
+    use crate::sdf::mesh_bake::bake_closed;
     use crate::{BakeParams, DeformingSolid, KeyedMesh};
 
     const RADIUS_CM: f32 = 0.3;
@@ -208,7 +208,7 @@ mod tests {
         let body = solid(&keys);
         let field = body.at(f64::from(a));
         let bounds = field.bounds();
-        let first = surface(&keys[0]).mesh;
+        let first = surface(&keys[0]).indexed().unwrap();
         let of_first = ShiftField::bake(&[&first], &shift, bounds, 4.0 * CELL_CM, 1 << 26).unwrap();
         [
             apart(&truth, |p| field.distance(p), bounds),

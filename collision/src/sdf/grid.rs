@@ -1,16 +1,16 @@
-//! A signed distance field on a dense uniform grid, sampled by trilinear interpolation (AS16 §5.1).
+//! A signed distance field on a grid that is fine near the surface, sampled by trilinear interpolation (AS16 §5.1).
 //!
-//! Sampling is the hot path of the whole program: one index computation, four two-element reads, no branch but the one
-//! that asks whether the point is in the grid. Outside the grid the answer stays a lower bound of the distance: with `q`
+//! Sampling is the hot path of the whole program: one look at the table of bricks, eight reads at fixed places from
+//! there, no branch but the one that asks whether the point is in the grid. Outside the grid the answer stays a lower bound of the distance: with `q`
 //! the nearest point of the box, every point `c` of the solid has an obtuse angle at `q`, so
 //! `|p - c|^2 >= |p - q|^2 + |q - c|^2`. That bound joins the interpolant continuously at the faces.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use nalgebra::Vector3;
-use rayon::prelude::*;
 
 use crate::error::Error;
+use crate::sdf::bricks::{BRICK, COARSE, CORNERS, Layout, ROW, SLAB, SPAN};
 
 /// An axis-aligned box, cm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -85,11 +85,7 @@ pub struct SignedDistanceField {
     nodes: [usize; 3],
     /// Largest grid coordinate along each axis, `nodes - 1`.
     last: Vector3<f32>,
-    /// Distances in bricks of 4³ nodes, x fastest in a brick and among bricks; the last ones padded with zeros. What lies
-    /// close in space lies close in memory, whichever way a segment runs.
-    values: Vec<f32>,
-    /// Values from a brick to the next along y and along z.
-    stride: [usize; 2],
+    layout: Layout,
     max_error: f32,
     band: f32,
     far_error: f32,
@@ -111,45 +107,25 @@ pub(crate) struct Trust {
     pub far_error: f32,
 }
 
-/// Nodes along the edge of a brick.
-const BRICK: usize = 4;
-
-/// Values in a brick.
-const BRICK_VALUES: usize = BRICK * BRICK * BRICK;
-
-/// Where a point lies in the grid: offsets of its cell's nodes along each axis, and the fractions across the cell.
-struct Place {
-    x: [usize; 2],
-    y: [usize; 2],
-    z: [usize; 2],
-    t: Vector3<f32>,
+/// The cell that a point lies in: where its corners begin, the fractions across it, and one over its edge in fine cells.
+pub(super) struct Place {
+    pub first: usize,
+    pub t: Vector3<f32>,
+    pub per_edge: f32,
 }
 
 impl SignedDistanceField {
-    /// Wraps node values; `values` holds `nodes[0] * nodes[1] * nodes[2]` distances, x fastest.
-    pub(crate) fn from_values(
+    /// Wraps bricks that cover `nodes` nodes from `origin` on.
+    pub(crate) fn from_layout(
         origin: Vector3<f32>,
         cell: f32,
         nodes: [usize; 3],
-        values: Vec<f32>,
+        layout: Layout,
         trust: Trust,
     ) -> Self {
-        assert_eq!(values.len(), nodes[0] * nodes[1] * nodes[2], "one value per node");
-        let steepest = steepest(&values, nodes, cell);
-        let [nx, ny, nz] = nodes;
-        let [bx, by, bz] = nodes.map(|n| n.div_ceil(BRICK));
-        let stride = [bx * BRICK_VALUES, bx * by * BRICK_VALUES];
-        let mut bricks = vec![0.0; bx * by * bz * BRICK_VALUES];
-        for (row, line) in values.chunks_exact(nx).enumerate() {
-            let first = offset(row % ny, stride[0], BRICK) + offset(row / ny, stride[1], BRICK * BRICK);
-            for (i, &value) in line.iter().enumerate() {
-                bricks[first + offset(i, BRICK_VALUES, 1)] = value;
-            }
-        }
-        debug_assert_eq!(values.len(), nx * ny * nz);
-        let values = bricks;
+        // Outside the grid the bound grows by one at most.
+        let steepest = (layout.steepest(nodes) / cell).max(1.0) * (1.0 + ROUND_OFF);
         Self {
-            stride,
             id: FieldId::next(),
             steepest,
             origin,
@@ -157,22 +133,29 @@ impl SignedDistanceField {
             inv_cell: 1.0 / cell,
             nodes,
             last: Vector3::from(nodes.map(|n| (n - 1) as f32)),
-            values,
+            layout,
             max_error: trust.max_error,
             band: trust.band,
             far_error: trust.far_error,
         }
     }
 
-    /// The node values again, x fastest.
-    pub(crate) fn into_values(self) -> Vec<f32> {
-        let [nx, ny, nz] = self.nodes;
-        let mut out = Vec::with_capacity(nx * ny * nz);
-        for row in 0..ny * nz {
-            let first = offset(row % ny, self.stride[0], BRICK) + offset(row / ny, self.stride[1], BRICK * BRICK);
-            out.extend((0..nx).map(|i| self.values[first + offset(i, BRICK_VALUES, 1)]));
-        }
-        out
+    /// The same field, trusted otherwise.
+    pub(crate) fn trusted(self, trust: Trust) -> Self {
+        let Trust { max_error, band, far_error } = trust;
+        Self { max_error, band, far_error, ..self }
+    }
+
+    pub(super) fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    pub(super) fn origin(&self) -> Vector3<f32> {
+        self.origin
+    }
+
+    pub(super) fn inv_cell(&self) -> f32 {
+        self.inv_cell
     }
 
     /// Nodes of a grid of this cell over `bounds`.
@@ -222,7 +205,7 @@ impl SignedDistanceField {
         ROUND_OFF * (bound.abs() + self.last.norm() * self.cell + self.origin.norm())
     }
 
-    /// Nodes along x, y and z.
+    /// Nodes along x, y and z, as fine as near the surface everywhere.
     pub fn nodes(&self) -> [usize; 3] {
         self.nodes
     }
@@ -232,9 +215,9 @@ impl SignedDistanceField {
         Bounds::new(self.origin, self.origin + self.last * self.cell)
     }
 
-    /// Bytes held by the values.
+    /// Bytes held by values and table.
     pub fn memory_bytes(&self) -> usize {
-        self.values.len() * size_of::<f32>()
+        self.layout.bytes()
     }
 
     /// Largest amount, cm, by which a sample within [`Self::band`] of the surface overstates the distance. Measured
@@ -313,33 +296,35 @@ impl SignedDistanceField {
     }
 
     #[inline(always)]
-    fn place(&self, g: &Vector3<f32>) -> Place {
+    pub(super) fn place(&self, g: &Vector3<f32>) -> Place {
         let [nx, ny, nz] = self.nodes;
         // Through 32 bits: the conversion to 64 takes several instructions more.
         let i = (g.x as i32 as usize).min(nx - 2);
         let j = (g.y as i32 as usize).min(ny - 2);
         let k = (g.z as i32 as usize).min(nz - 2);
-        let along = |n: usize, stride: usize, within: usize| [offset(n, stride, within), offset(n + 1, stride, within)];
-        Place {
-            x: along(i, BRICK_VALUES, 1),
-            y: along(j, self.stride[0], BRICK),
-            z: along(k, self.stride[1], BRICK * BRICK),
-            t: Vector3::new(g.x - i as f32, g.y - j as f32, g.z - k as f32),
-        }
+        let entry = self.layout.entry(i / BRICK, j / BRICK, k / BRICK);
+        let base = (entry & !COARSE) as usize;
+        // Both ways in the same steps, so that no jump is mispredicted along a path through near and far.
+        let coarse = entry & COARSE != 0;
+        let within = i % BRICK + ROW * (j % BRICK) + SLAB * (k % BRICK);
+        let first = base + if coarse { 0 } else { within };
+        let whole = if coarse { BRICK - 1 } else { 0 };
+        let per_edge = if coarse { 1.0 / BRICK as f32 } else { 1.0 };
+        let start = Vector3::new((i & !whole) as f32, (j & !whole) as f32, (k & !whole) as f32);
+        Place { first, t: (g - start) * per_edge, per_edge }
     }
 
     /// The eight corner values of a cell: pairs along x, at (y, z) = (0,0), (1,0), (0,1), (1,1).
     #[inline(always)]
-    fn corners(&self, Place { x, y, z, .. }: &Place) -> [[f32; 2]; 4] {
-        let pair = |yz: usize| [self.values[x[0] + yz], self.values[x[1] + yz]];
-        [pair(y[0] + z[0]), pair(y[1] + z[0]), pair(y[0] + z[1]), pair(y[1] + z[1])]
+    fn corners(&self, first: usize) -> [[f32; 2]; 4] {
+        let v = &self.layout.values[first..first + SPAN];
+        CORNERS.map(|c| [v[c], v[c + 1]])
     }
 
     #[inline(always)]
-    fn interpolate(&self, g: &Vector3<f32>) -> f32 {
-        let place = self.place(g);
-        let (c, t) = (self.corners(&place), place.t);
-        let x = c.map(|[a, b]| a + t.x * (b - a));
+    pub(super) fn interpolate(&self, g: &Vector3<f32>) -> f32 {
+        let Place { first, t, .. } = self.place(g);
+        let x = self.corners(first).map(|[a, b]| a + t.x * (b - a));
         let y0 = x[0] + t.y * (x[1] - x[0]);
         let y1 = x[2] + t.y * (x[3] - x[2]);
         y0 + t.z * (y1 - y0)
@@ -347,8 +332,8 @@ impl SignedDistanceField {
 
     #[inline(always)]
     fn interpolate_gradient(&self, g: &Vector3<f32>) -> (f32, Vector3<f32>) {
-        let place = self.place(g);
-        let (c, t) = (self.corners(&place), place.t);
+        let Place { first, t, per_edge } = self.place(g);
+        let c = self.corners(first);
         let dx = c.map(|[a, b]| b - a);
         let x = [0, 1, 2, 3].map(|n: usize| c[n][0] + t.x * dx[n]);
         let (dy0, dy1) = (x[1] - x[0], x[3] - x[2]);
@@ -357,7 +342,7 @@ impl SignedDistanceField {
         let dx0 = dx[0] + t.y * (dx[1] - dx[0]);
         let dx1 = dx[2] + t.y * (dx[3] - dx[2]);
         let gradient = Vector3::new(dx0 + t.z * (dx1 - dx0), dy0 + t.z * (dy1 - dy0), y1 - y0);
-        (y0 + t.z * (y1 - y0), gradient * self.inv_cell)
+        (y0 + t.z * (y1 - y0), gradient * (self.inv_cell * per_edge))
     }
 
     /// The nearest point of the grid's box, in grid coordinates.
@@ -384,47 +369,6 @@ impl SignedDistanceField {
         let along_face = gradient.zip_zip_map(g, &q, |slope, a, b| if a == b { slope } else { 0.0 });
         if total > 0.0 { (total, (gap + along_face * d) / total) } else { (total, gradient) }
     }
-}
-
-/// Where node `n` of an axis begins: `stride` from brick to brick, `within` from node to node.
-#[inline(always)]
-fn offset(n: usize, stride: usize, within: usize) -> usize {
-    n / BRICK * stride + n % BRICK * within
-}
-
-/// Largest gradient of the interpolant over all cells that are not inside throughout, bounded by the largest slopes along
-/// the three axes.
-fn steepest(values: &[f32], nodes: [usize; 3], cell: f32) -> f32 {
-    let [nx, ny, nz] = nodes;
-    let inv_cell = 1.0 / cell;
-    let most = (0..(ny - 1) * (nz - 1))
-        .into_par_iter()
-        .map(|row| {
-            let (j, k) = (row % (ny - 1), row / (ny - 1));
-            let line = |j: usize, k: usize| &values[(k * ny + j) * nx..][..nx];
-            let lines = [line(j, k), line(j + 1, k), line(j, k + 1), line(j + 1, k + 1)];
-            let mut most = 0.0f32;
-            for i in 0..nx - 1 {
-                let [a, b] = [lines.map(|l| l[i]), lines.map(|l| l[i + 1])];
-                let mut slope = [0.0f32; 3];
-                for c in [a, b] {
-                    slope[1] = slope[1].max((c[1] - c[0]).abs()).max((c[3] - c[2]).abs());
-                    slope[2] = slope[2].max((c[2] - c[0]).abs()).max((c[3] - c[1]).abs());
-                }
-                let mut outermost = f32::NEG_INFINITY;
-                for n in 0..4 {
-                    slope[0] = slope[0].max((b[n] - a[n]).abs());
-                    outermost = outermost.max(a[n]).max(b[n]);
-                }
-                if outermost >= 0.0 {
-                    most = most.max(slope[0] * slope[0] + slope[1] * slope[1] + slope[2] * slope[2]);
-                }
-            }
-            most
-        })
-        .reduce(|| 0.0, f32::max);
-    // Outside the grid the bound grows by one at most.
-    (most.sqrt() * inv_cell).max(1.0) * (1.0 + ROUND_OFF)
 }
 
 /// `v` at unit length, or what `otherwise` returns when it is too short to have a direction.
