@@ -621,7 +621,6 @@ mod tests {
             assert!((all - all.round()).abs() < 1e-3);
             worst = worst.max((w - all).abs());
         }
-        println!("largest error of a winding number: {worst}");
         assert!(worst < MOST, "{worst}");
     }
 }
