@@ -212,8 +212,7 @@ fn a_tooth_between_two_particles_of_one_strand_is_found_at_every_offset_by_both_
 fn a_solid_of_any_size_is_judged_alike() {
     for scale in [1e-6f32, 1.0, 1e6] {
         let (points, triangles) = meshes::torus(1.5 * scale, 0.3 * scale, 24, 12);
-        let params =
-            BakeParams { cell: Some(0.05 * scale), max_bytes: 64 << 20, margin: 0.5 * scale, ..BakeParams::default() };
+        let params = BakeParams { cell: Some(0.05 * scale), max_bytes: 64 << 20, margin: 0.5 * scale, band_cells: 2.0 };
         let solid = Solid::from_mesh("ring", &points, &triangles, params, 0.3).expect("a closed mesh");
         let surface = Surface::new(&points, &triangles).expect("a good mesh");
         let (mut outcomes, mut random) = ([0; 2], Random::new(74));
