@@ -272,13 +272,7 @@ impl StrandSystem {
         let mut shift = vec![[ZERO; 3]; n_rig];
         loop {
             let rhs = &mut work.velocity[..3 * (n_rig - n_kin)];
-            for p in n_kin..n_rig {
-                for c in 0..3 {
-                    for l in 0..LANES {
-                        rhs[3 * (p - n_kin) + c][l] = batch.mass[p][l] * h * params.gravity[c];
-                    }
-                }
-            }
+            batch.fill_weight(n_kin, n_rig, &(params.gravity * h), rhs);
             let problem = Problem {
                 topology,
                 batch,

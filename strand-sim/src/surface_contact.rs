@@ -177,7 +177,7 @@ impl SurfaceWork {
                     self.pending[k] = true;
                 }
             }
-            if touches == 0 {
+            if touches == 0 || sweep == ALL_SWEEPS {
                 break;
             }
             report.answered += touches;

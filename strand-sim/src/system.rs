@@ -213,6 +213,17 @@ impl StrandSystem {
 }
 
 impl Batch {
+    /// Sets the right side of a solve, three lanes a free rig particle, to mass times a velocity (cm/s).
+    pub fn fill_weight(&self, n_kinematic: usize, n_rig: usize, velocity: &Vector3<f64>, rhs: &mut [Lane]) {
+        for p in n_kinematic..n_rig {
+            for c in 0..3 {
+                for l in 0..LANES {
+                    rhs[3 * (p - n_kinematic) + c][l] = self.mass[p][l] * velocity[c];
+                }
+            }
+        }
+    }
+
     fn new(
         topology_idx: usize,
         topology: &Topology,

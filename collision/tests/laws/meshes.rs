@@ -38,15 +38,7 @@ pub fn torus(major: f32, minor: f32, around: u32, tube: u32) -> Mesh {
             points.push([(major + minor * ct) * c, minor * st, (major + minor * ct) * s]);
         }
     }
-    let mut triangles = Vec::new();
-    for i in 0..around {
-        for j in 0..tube {
-            let at = |i: u32, j: u32| i % around * tube + j % tube;
-            triangles.push([at(i, j), at(i, j + 1), at(i + 1, j)]);
-            triangles.push([at(i + 1, j), at(i, j + 1), at(i + 1, j + 1)]);
-        }
-    }
-    (points, triangles)
+    (points, ring(around, tube))
 }
 
 /// An axis-aligned box about the origin.
@@ -69,15 +61,7 @@ pub fn gear(teeth: u32, inner: f32, outer: f32, tooth: f32, half_height: f32) ->
             points.push([r * c, y, r * s]);
         }
     }
-    let mut triangles = Vec::new();
-    for i in 0..around {
-        for j in 0..TUBE {
-            let at = |i: u32, j: u32| i % around * TUBE + j % TUBE;
-            triangles.push([at(i, j), at(i, j + 1), at(i + 1, j)]);
-            triangles.push([at(i + 1, j), at(i, j + 1), at(i + 1, j + 1)]);
-        }
-    }
-    (points, triangles)
+    (points, ring(around, TUBE))
 }
 
 /// A flat comb of square teeth: spine along x above z = 0, teeth along -z, `half_depth` thick along y.
@@ -133,4 +117,17 @@ pub fn blob(radius: f32, rings: u32) -> Mesh {
         *p = [p[0] * 0.85 * wave, p[1] * 1.1 * wave, p[2] * wave];
     }
     (points, triangles)
+}
+
+/// Triangles between the points of a ring closed both ways, `tube` points at each of `around` places.
+fn ring(around: u32, tube: u32) -> Vec<[u32; 3]> {
+    let at = |i: u32, j: u32| i % around * tube + j % tube;
+    let mut triangles = Vec::new();
+    for i in 0..around {
+        for j in 0..tube {
+            triangles.push([at(i, j), at(i, j + 1), at(i + 1, j)]);
+            triangles.push([at(i + 1, j), at(i, j + 1), at(i + 1, j + 1)]);
+        }
+    }
+    triangles
 }

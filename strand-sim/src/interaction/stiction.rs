@@ -246,12 +246,24 @@ impl LinkSet {
         workspace: &mut StictionWorkspace,
     ) -> LinkReport {
         let broken = self.release(strands, params);
+        LinkReport { broken, ..self.renew(strands, near, params, workspace) }
+    }
+
+    /// Makes new links among the near pairs: the second half of [`Self::update`], after [`Self::release`] at the same
+    /// positions.
+    pub fn renew(
+        &mut self,
+        strands: &Strands,
+        near: &[Pair<Near>],
+        params: &StictionParams,
+        workspace: &mut StictionWorkspace,
+    ) -> LinkReport {
         let kept = self.links.len();
         let max_links = params.max_links.min(MAX_LINKS);
         if max_links > 0 {
             self.make(strands, near, params.make_cm, max_links, workspace);
         }
-        LinkReport { broken, made: self.links.len() - kept, held: self.links.len() }
+        LinkReport { broken: 0, made: self.links.len() - kept, held: self.links.len() }
     }
 
     /// Drops the links that have grown too long, and returns how many: the first half of [`Self::update`], for who wants

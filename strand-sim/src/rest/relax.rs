@@ -52,13 +52,7 @@ impl StrandSystem {
         let mut done = [false; LANES];
         for _ in 0..MAX_STEPS {
             let rhs = &mut work.velocity[..3 * (n_rig - n_kin)];
-            for p in n_kin..n_rig {
-                for c in 0..3 {
-                    for l in 0..LANES {
-                        rhs[3 * (p - n_kin) + c][l] = batch.mass[p][l] * STEP_S * params.gravity[c];
-                    }
-                }
-            }
+            batch.fill_weight(n_kin, n_rig, &(params.gravity * STEP_S), rhs);
             let problem = Problem {
                 topology,
                 batch,

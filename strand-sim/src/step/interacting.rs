@@ -171,9 +171,8 @@ impl StrandSystem {
         });
         timed(&mut report.stick, || {
             let strands = Strands::new(self.n_main, &w.position, &w.inv_mass);
-            let broken = report.links.broken;
-            report.links = links.update(&strands, w.near.pairs(), &interaction.stiction, &mut w.stiction);
-            report.links.broken += broken;
+            let made = links.renew(&strands, w.near.pairs(), &interaction.stiction, &mut w.stiction);
+            report.links = LinkReport { broken: report.links.broken, ..made };
             links.springs(&strands, &interaction.stiction, &mut w.springs);
             report.coupled_iterations += self.couple(&interaction.coupled, h, 1.0, w);
         });
