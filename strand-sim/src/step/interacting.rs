@@ -140,6 +140,7 @@ impl StrandSystem {
             report.step.contacts += work.report.contacts;
             report.step.quarantined += work.report.quarantined;
             report.step.touches += work.report.touches;
+            report.step.refined += work.report.refined;
             report.step.passing += work.report.passing;
         }
         report
@@ -196,7 +197,7 @@ impl StrandSystem {
             w.next.extend(w.velocity.iter().zip(&w.position).map(|(v, x)| x + v * span.h));
             // Repulsion in a clump stretches hair again.
             self.limit_flat(params.strain_limit, &w.inv_mass, &mut w.next);
-            if let Some(params) = &interaction.collision {
+            if let Some(collision) = &interaction.collision {
                 if two {
                     // With a second solve only what collisions change reaches the velocity.
                     w.before.clone_from(&w.velocity);
@@ -205,11 +206,11 @@ impl StrandSystem {
                 report.collision = match &input.roots {
                     RootMotion::Head { .. } => {
                         let poses = [input.roots.at(0, span.begin), input.roots.at(0, span.end)];
-                        collide_as_seen_from(&poses, self.n_main, links, params, span.h, w)
+                        collide_as_seen_from(&poses, self.n_main, links, collision, span.h, w)
                     }
                     RootMotion::Frames { .. } => {
                         let (next, velocity) = (&mut w.next, &mut w.velocity);
-                        collide(&strands, next, velocity, links, params, span.h, &mut w.collision)
+                        collide(&strands, next, velocity, links, collision, span.h, &mut w.collision)
                     }
                 };
                 report.collision.unresolved += unresolved;
@@ -223,7 +224,7 @@ impl StrandSystem {
             let (next, change) = (&*next, &*velocity);
             self.each_batch(state, works, |batch, state, work| {
                 self.scatter(batch, state, work, next, change, two);
-                self.hold_off(batch, state, input, span, work);
+                self.hold_off(batch, state, input, params, span, work);
             });
         });
         // Steps 7 to 9.
