@@ -45,6 +45,14 @@ impl InteractionParams {
         }
     }
 
+    /// Hairs of a thickness (cm) that press and rub on each other, but neither stick nor are followed through crossings:
+    /// the friction of AS16 §7.1, which asks for no coupled solve.
+    #[must_use]
+    pub fn rubbing(thickness_cm: f64) -> Self {
+        let repulsion = RepulsionParams { thickness_cm, ..RepulsionParams::standard() };
+        Self { stiction: StictionParams::off(), repulsion, collision: None, ..Self::dry() }
+    }
+
     /// Checks every constant.
     ///
     /// # Errors
