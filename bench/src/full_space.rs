@@ -6,7 +6,10 @@ use collision::{MovingSolid, Solid, SolidPose};
 use io_formats::groom::UniformGroom;
 use nalgebra::{Isometry3, Point3, Vector3};
 use strand_sim::interaction::LinkSet;
-use strand_sim::{InteractionParams, InteractionWorkspace, Material, StepInput, StepParams, StepReport, StepWorkspace, StrandState, StrandSystem};
+use strand_sim::{
+    InteractionParams, InteractionWorkspace, Material, StepInput, StepParams, StepReport, StepWorkspace, StrandState,
+    StrandSystem,
+};
 
 /// All strands of a groom on a head.
 pub struct FullSpace {
@@ -103,7 +106,8 @@ impl FullSpace {
     #[must_use]
     pub fn rubbing(mut self) -> Self {
         let params = InteractionParams::rubbing(thickness_cm(self.system.n_strands()));
-        self.friction = Some(Friction { params, links: LinkSet::default(), workspace: InteractionWorkspace::default() });
+        self.friction =
+            Some(Friction { params, links: LinkSet::default(), workspace: InteractionWorkspace::default() });
         self
     }
 
