@@ -5,11 +5,12 @@ use crate::grooms::{GroomParams, Style, generate};
 use crate::shapes::{self, CombParams, solid_mesh};
 use adaptive_runtime::{material_of, record_of};
 use collision::{BakeParams, MovingSolid, Solid, SolidPose};
+use io_formats::densify::densify;
 use io_formats::groom::UniformGroom;
 use io_formats::mesh::TriMesh;
 use io_formats::motion::PoseMotion;
 use io_formats::scene::{Attach, GroomSource, HairStyle, HeadShape, MeshSource, Scene, SolidShape};
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 use strand_sim::Material;
 
 /// Everything a run needs, in centimetres.
@@ -184,7 +185,27 @@ fn build_groom(scene: &Scene, head: &Solid) -> Result<(UniformGroom, usize), Err
             let mut groom = scene.groom.source.load_file()?.unwrap_or_default();
             let dropped = if scene.groom.drop_degenerate { groom.drop_degenerate() } else { 0 };
             groom.validate().map_err(in_file)?;
-            Ok((groom.resample(scene.groom.particles).map_err(in_file)?, dropped))
+            let groom = groom.resample(scene.groom.particles).map_err(in_file)?;
+            let Some(n_strands) = scene.groom.densify_to else { return Ok((groom, dropped)) };
+            let mut more = densify(&groom, n_strands, DENSIFY_SEED).map_err(in_file)?;
+            stand_on(head, &groom, &mut more);
+            Ok((more, dropped))
         }
+    }
+}
+
+/// Seed of where strands grow between those of a file.
+const DENSIFY_SEED: u64 = 1;
+
+/// Moves strands that have grown between others out of or onto the head, to where their own neighbour stands: between roots
+/// on a round head the straight way goes through it.
+fn stand_on(head: &Solid, from: &UniformGroom, more: &mut UniformGroom) {
+    const FARTHEST_CM: f32 = 1.0;
+    let distance = |root: [f32; 3]| head.sdf.outward_normal(Vector3::from(root));
+    for (k, strand) in more.points.chunks_exact_mut(from.n_particles).enumerate().skip(from.n_strands) {
+        let (now, normal) = distance(strand[0]);
+        let wanted = distance(from.strand(k % from.n_strands)[0]).0;
+        let by = normal * (wanted - now).clamp(-FARTHEST_CM, FARTHEST_CM);
+        strand.iter_mut().for_each(|p| *p = (Vector3::from(*p) + by).into());
     }
 }

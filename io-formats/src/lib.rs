@@ -24,6 +24,7 @@ mod bytes;
 
 pub mod bake_cache;
 pub mod bvh;
+pub mod densify;
 pub mod envelope;
 pub mod error;
 pub mod frames;

@@ -67,6 +67,8 @@ pub struct GroomSpec {
     pub max_eligible: usize,
     /// Remove strands without length instead of refusing the groom; default false.
     pub drop_degenerate: bool,
+    /// Strands that a groom file is densified or thinned to; default as many as it has.
+    pub densify_to: Option<usize>,
 }
 
 /// Where strands come from.

@@ -4,6 +4,7 @@
 //! is in centimetres unless stated. Strands without length are refused unless asked to be left out.
 
 use anyhow::{Context, bail};
+use io_formats::densify::densify;
 use io_formats::groom::negate_axes;
 use io_formats::{LengthUnit, read_groom, read_mesh, write_hair, write_obj};
 use std::path::{Path, PathBuf};
@@ -27,6 +28,9 @@ pub struct Args {
     /// Points per strand, uniform by arc length; without it strands keep their own points.
     #[arg(long, value_name = "N")]
     resample: Option<usize>,
+    /// Strands in the output, grown between the groom's own or chosen from them; needs --resample.
+    #[arg(long, value_name = "N", requires = "resample")]
+    strands: Option<usize>,
     /// Leave out strands without length or with points that are not numbers, instead of refusing the groom.
     #[arg(long)]
     drop_degenerate: bool,
@@ -57,7 +61,11 @@ fn convert_groom(args: &Args, unit: LengthUnit, out_unit: LengthUnit, axes: [[f3
     groom.validate().with_context(|| format!("checking {}", args.input.display()))?;
     let mut groom = groom.transformed(1.0, axes, [0.0; 3]);
     if let Some(n) = args.resample {
-        groom = groom.resample(n).context("--resample")?.to_groom();
+        let uniform = groom.resample(n).context("--resample")?;
+        groom = match args.strands {
+            Some(n_strands) => densify(&uniform, n_strands, 1).context("--strands")?.to_groom(),
+            None => uniform.to_groom(),
+        };
     }
     write_hair(&args.output, &groom, out_unit)?;
     println!(
@@ -111,6 +119,7 @@ mod tests {
             out_unit: out_unit.to_owned(),
             negate: negate.to_owned(),
             resample: None,
+            strands: None,
             drop_degenerate: false,
         }
     }

@@ -94,6 +94,12 @@ fn check_groom(scene: &Scene) -> Check {
         }
     }
     // Four particles make the shortest strand with a torsion spring.
+    if let Some(n) = g.densify_to {
+        count("groom.densify_to", n, 1, MAX_STRANDS)?;
+        if g.guides > n {
+            return refuse("groom.guides", format!("{} guides of {n} strands", g.guides));
+        }
+    }
     count("groom.particles", g.particles, 4, MAX_PARTICLES)?;
     count("groom.guides", g.guides, 1, MAX_GUIDES)?;
     count("groom.max_eligible", g.max_eligible, 1, MAX_ELIGIBLE)

@@ -127,6 +127,7 @@ pub(super) struct RawGroom {
     max_eligible: usize,
     #[serde(default)]
     drop_degenerate: bool,
+    densify_to: Option<usize>,
 }
 
 impl TryFrom<RawGroom> for GroomSpec {
@@ -147,8 +148,9 @@ impl TryFrom<RawGroom> for GroomSpec {
                 }
             }
             (None, Some(generator)) => {
-                if raw.unit.is_some() || raw.negate.is_some() || raw.translate_cm.is_some() {
-                    return Err("groom.unit, negate and translate_cm go with groom.file only".into());
+                if raw.unit.is_some() || raw.negate.is_some() || raw.translate_cm.is_some() || raw.densify_to.is_some()
+                {
+                    return Err("groom.unit, negate, translate_cm and densify_to go with groom.file only".into());
                 }
                 GroomSource::Generated(generator)
             }
@@ -161,6 +163,7 @@ impl TryFrom<RawGroom> for GroomSpec {
             guides: raw.guides,
             max_eligible: raw.max_eligible,
             drop_degenerate: raw.drop_degenerate,
+            densify_to: raw.densify_to,
         })
     }
 }
