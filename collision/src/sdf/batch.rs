@@ -1,6 +1,8 @@
 //! Many samples at once: the arithmetic of eight points in vector instructions, their reads one by one.
 //!
-//! Points come as three arrays and go out as four. Results are those of [`SignedDistanceField::distance_gradient`] bit for
+//! Points come as three arrays and go out as four. They are taken in blocks, and a block in passes: places, then the table,
+//! then the corners, then the arithmetic. Reads that wait for nothing but memory stand side by side so, and their misses
+//! overlap. A last block that is not full is filled up with whatever was there before. Results are those of [`SignedDistanceField::distance_gradient`] bit for
 //! bit; points outside the grid are handed to it.
 
 use multiversion::multiversion;
@@ -8,7 +10,7 @@ use nalgebra::Vector3;
 
 use crate::lanes::{F8, LANES};
 use crate::sdf::SignedDistanceField;
-use crate::sdf::bricks::{BRICK, COARSE, CORNERS, Layout, ROW, SLAB, SPAN};
+use crate::sdf::bricks::{BRICK, COARSE, Layout, first_corner};
 
 /// Places and what is found there, one entry for each point in every array; cm.
 #[derive(Debug)]
@@ -28,6 +30,8 @@ struct Grid<'a> {
     last: [f32; 3],
     last_cell: [u32; 3],
     layout: &'a Layout,
+    /// Centimetres, and slope, that one stands for in fine and in coarse cells.
+    scales: [[f32; 2]; 2],
 }
 
 impl SignedDistanceField {
@@ -46,6 +50,7 @@ impl SignedDistanceField {
             last: bounds.map(|n| (n - 1) as f32),
             last_cell: bounds.map(|n| n as u32 - 2),
             layout: self.layout(),
+            scales: [self.scales(false), self.scales(true)],
         };
         sample_inside(grid, points, out, &mut |n, out| {
             let p = Vector3::new(points[0][n], points[1][n], points[2][n]);
@@ -89,17 +94,20 @@ struct Passes {
     place: [u32; BLOCK],
     /// First corner within a fine brick.
     within: [u32; BLOCK],
-    per_edge: [f32; BLOCK],
+    quantum: [f32; BLOCK],
+    slope: [f32; BLOCK],
     /// The four edges along x of the cell, two values each.
-    edges: [[[f32; 2]; BLOCK]; 4],
+    edges: [[[i16; 2]; BLOCK]; 4],
     /// Zero for points in the grid.
     outside: [u32; BLOCK],
+    /// Distance, then gradient along each axis.
+    found: [[f32; BLOCK]; 4],
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
 fn sample_inside(grid: Grid, points: [&[f32]; 3], out: &mut Samples, singly: &mut dyn FnMut(usize, &mut Samples)) {
     let n = points[0].len();
-    let Grid { origin, inv_cell, last, last_cell, layout } = grid;
+    let Grid { origin, inv_cell, last, last_cell, layout, scales } = grid;
     let [count_x, count_y, _] = layout.count.map(|n| n as u32);
     let countable = last.iter().all(|&n| n < 0.5 * ONES);
     let mut passes = Passes {
@@ -107,11 +115,13 @@ fn sample_inside(grid: Grid, points: [&[f32]; 3], out: &mut Samples, singly: &mu
         cell: [[0; BLOCK]; 3],
         place: [0; BLOCK],
         within: [0; BLOCK],
-        per_edge: [0.0; BLOCK],
-        edges: [[[0.0; 2]; BLOCK]; 4],
+        quantum: [0.0; BLOCK],
+        slope: [0.0; BLOCK],
+        edges: [[[0; 2]; BLOCK]; 4],
         outside: [0; BLOCK],
+        found: [[0.0; BLOCK]; 4],
     };
-    let Passes { t, cell, place, within, per_edge, edges, outside } = &mut passes;
+    let Passes { t, cell, place, within, quantum, slope, edges, outside, found } = &mut passes;
     let mut begin = 0;
     while begin < n && countable {
         let size = BLOCK.min(n - begin);
@@ -133,7 +143,7 @@ fn sample_inside(grid: Grid, points: [&[f32]; 3], out: &mut Samples, singly: &mu
         for l in 0..BLOCK {
             let [i, j, k] = [cell[0][l], cell[1][l], cell[2][l]];
             place[l] = ((k / B) * count_y + j / B) * count_x + i / B;
-            within[l] = i % B + ROW as u32 * (j % B) + SLAB as u32 * (k % B);
+            within[l] = first_corner(i, j, k);
         }
         for l in 0..BLOCK {
             place[l] = layout.table[place[l] as usize];
@@ -143,15 +153,16 @@ fn sample_inside(grid: Grid, points: [&[f32]; 3], out: &mut Samples, singly: &mu
             place[l] = (place[l] & !COARSE) + if coarse { 0 } else { within[l] };
             let whole = if coarse { BRICK as u32 - 1 } else { 0 };
             let share = if coarse { 1.0 / BRICK as f32 } else { 1.0 };
-            per_edge[l] = share;
+            quantum[l] = if coarse { scales[1][0] } else { scales[0][0] };
+            slope[l] = if coarse { scales[1][1] } else { scales[0][1] };
             t[0][l] = (t[0][l] - small(cell[0][l] & !whole)) * share;
             t[1][l] = (t[1][l] - small(cell[1][l] & !whole)) * share;
             t[2][l] = (t[2][l] - small(cell[2][l] & !whole)) * share;
         }
         for l in 0..BLOCK {
-            let v = &layout.values[place[l] as usize..place[l] as usize + SPAN];
+            let corners = layout.corners(place[l] as usize);
             for e in 0..4 {
-                edges[e][l].copy_from_slice(&v[CORNERS[e]..CORNERS[e] + 2]);
+                edges[e][l] = corners[e];
             }
         }
         for first in (0..BLOCK).step_by(LANES) {
@@ -166,8 +177,8 @@ fn sample_inside(grid: Grid, points: [&[f32]; 3], out: &mut Samples, singly: &mu
             for e in 0..4 {
                 let pairs = &edges[e][lanes.clone()];
                 for l in 0..LANES {
-                    a[e].0[l] = pairs[l][0];
-                    b[e].0[l] = pairs[l][1];
+                    a[e].0[l] = f32::from(pairs[l][0]);
+                    b[e].0[l] = f32::from(pairs[l][1]);
                 }
             }
             // As for a single point, lane by lane.
@@ -178,34 +189,23 @@ fn sample_inside(grid: Grid, points: [&[f32]; 3], out: &mut Samples, singly: &mu
             let (dy0, dy1) = (x1 - x0, x3 - x2);
             let (y0, y1) = (x0 + ty * dy0, x2 + ty * dy1);
             let (ex0, ex1) = (dx0 + ty * (dx1 - dx0), dx2 + ty * (dx3 - dx2));
-            let per_cm = F8::splat(inv_cell) * read(per_edge);
-            let distance = y0 + tz * (y1 - y0);
-            let gradient_x = (ex0 + tz * (ex1 - ex0)) * per_cm;
-            let gradient_y = (dy0 + tz * (dy1 - dy0)) * per_cm;
-            let gradient_z = (y1 - y0) * per_cm;
-            let here = LANES.min(size - first);
-            let to = begin + first..begin + first + here;
-            if here == LANES {
-                out.distance[to.clone()].copy_from_slice(&distance.0);
-                out.gradient[0][to.clone()].copy_from_slice(&gradient_x.0);
-                out.gradient[1][to.clone()].copy_from_slice(&gradient_y.0);
-                out.gradient[2][to].copy_from_slice(&gradient_z.0);
-            } else {
-                out.distance[to.clone()].copy_from_slice(&distance.0[..here]);
-                out.gradient[0][to.clone()].copy_from_slice(&gradient_x.0[..here]);
-                out.gradient[1][to.clone()].copy_from_slice(&gradient_y.0[..here]);
-                out.gradient[2][to].copy_from_slice(&gradient_z.0[..here]);
-            }
-            if first + LANES >= size {
-                break;
+            let slope = read(slope);
+            let distance = (y0 + tz * (y1 - y0)) * read(quantum);
+            let gradient_x = (ex0 + tz * (ex1 - ex0)) * slope;
+            let gradient_y = (dy0 + tz * (dy1 - dy0)) * slope;
+            let gradient_z = (y1 - y0) * slope;
+            for (to, from) in found.iter_mut().zip([distance, gradient_x, gradient_y, gradient_z]) {
+                to[lanes.clone()].copy_from_slice(&from.0);
             }
         }
-        let any = outside.iter().fold(0, |a, b| a | b);
-        if any != 0 {
-            for l in 0..size {
-                if outside[l] != 0 {
-                    singly(begin + l, out);
-                }
+        let to = begin..begin + size;
+        out.distance[to.clone()].copy_from_slice(&found[0][..size]);
+        for k in 0..3 {
+            out.gradient[k][to.clone()].copy_from_slice(&found[k + 1][..size]);
+        }
+        if outside.iter().fold(0, |a, b| a | b) != 0 {
+            for l in (0..size).filter(|&l| outside[l] != 0) {
+                singly(begin + l, out);
             }
         }
         begin += size;

@@ -12,7 +12,10 @@ use rayon::prelude::*;
 use crate::error::Error;
 use crate::sdf::BakeParams;
 use crate::sdf::bake::{Lattice, SAFETY, overstatement, round_off};
-use crate::sdf::bricks::{BRICK, COARSE, Layout, NODES, ROW, VALUES, node};
+use crate::sdf::bricks::{
+    BRICK, COARSE, COARSE_QUANTA, EDGE, LINE, Layout, Line, NODES, VALUES, fine_quantum, first_corner, in_quanta,
+    lines, node, quantum,
+};
 use crate::sdf::grid::{Bounds, SignedDistanceField, Trust};
 use crate::sdf::mesh::ClosedMesh;
 use crate::sdf::tree::{Hint, TriangleTree};
@@ -41,15 +44,21 @@ pub(crate) fn bake_closed(closed: &ClosedMesh, params: BakeParams) -> Result<Sig
         .into_par_iter()
         .map_init(Buffers::default, |buffers, n| Block::new(&coarse, n).bake(closed, buffers))
         .collect();
-    let mut layout = Layout { count: coarse.count, table: vec![0; coarse.near.len()], values: Vec::new() };
-    layout.values.reserve_exact(blocks.iter().map(|b| b.values.len()).sum());
+    let mut layout = Layout {
+        count: coarse.count,
+        table: vec![0; coarse.near.len()],
+        lines: Vec::new(),
+        quantum: coarse.quantum,
+        coarse_quantum: coarse.coarse_quantum,
+    };
+    layout.lines.reserve_exact(blocks.iter().map(|b| b.lines.len()).sum());
     let (mut near_error, mut far_error) = (0.0f32, 0.0f32);
     for block in &blocks {
-        let base = layout.values.len() as u32;
+        let base = (layout.lines.len() * LINE) as u32;
         for &(brick, entry) in &block.entries {
             layout.table[brick] = entry + base;
         }
-        layout.values.extend_from_slice(&block.values);
+        layout.lines.extend_from_slice(&block.lines);
         near_error = near_error.max(block.near_error);
         far_error = far_error.max(block.far_error);
     }
@@ -94,13 +103,17 @@ struct Coarse {
     count: [usize; 3],
     /// Corners of bricks.
     corners: Lattice,
-    /// Distances at the corners, cm; without sign until [`Self::take_signs`].
+    /// Distances at the corners, without sign in cm, and then, by [`Self::take_signs`], with it in quanta of fine bricks, a
+    /// whole number of those of coarse ones.
     at_corners: Vec<f32>,
     /// Distances at the middles of bricks, without sign, cm.
     at_middles: Vec<f32>,
     near: Vec<bool>,
     /// Within this distance the grid is fine, cm.
     band: f32,
+    /// Quanta of fine and of coarse bricks, cm.
+    quantum: f32,
+    coarse_quantum: f32,
 }
 
 impl Coarse {
@@ -117,7 +130,7 @@ impl Coarse {
         let too_large = |n_near: usize| {
             let n_blocks: usize = count.iter().map(|n| n.div_ceil(BLOCK_BRICKS)).product();
             let n_stored = if n_near == n_bricks { n_near } else { n_near + n_blocks };
-            let bytes = n_stored * VALUES * size_of::<f32>() + n_bricks * size_of::<u32>();
+            let bytes = n_stored * VALUES * size_of::<i16>() + n_bricks * size_of::<u32>();
             let nodes = count.map(|n| n * BRICK + 1);
             let full = bytes > params.max_bytes || n_stored > MAX_BRICKS;
             if full { Err(Error::TooLarge { nodes, bytes, max_bytes: params.max_bytes }) } else { Ok(()) }
@@ -133,7 +146,25 @@ impl Coarse {
         let near: Vec<bool> = at_middles.iter().map(|&d| d <= reach).collect();
         too_large(near.iter().filter(|&&near| near).count())?;
         let at_corners = distances(&closed.tree, &corners);
-        Ok(Self { cell, count, corners, at_corners, at_middles, near, band: params.band_cells * cell })
+        // No node of a brick is farther from its middle than this; what it takes from a coarse one is a mean of its corners.
+        let half_diagonal = 0.5 * 3f32.sqrt() * edge;
+        let largest = |distances: &[f32], of: &dyn Fn(usize) -> bool| {
+            (0..distances.len()).filter(|&n| of(n)).map(|n| distances[n]).fold(0.0, f32::max)
+        };
+        let quantum_near = fine_quantum(cell, (largest(&at_middles, &|n| near[n]) + half_diagonal) * 1.001);
+        let coarse_quantum = quantum(quantum_near * COARSE_QUANTA, largest(&at_corners, &|_| true) * 1.001);
+        let quantum = quantum_near;
+        Ok(Self {
+            cell,
+            count,
+            corners,
+            at_corners,
+            at_middles,
+            near,
+            band: params.band_cells * cell,
+            quantum,
+            coarse_quantum,
+        })
     }
 
     fn bounds(&self) -> Bounds {
@@ -162,14 +193,14 @@ impl Coarse {
         flood.run(lattice.nodes, self.surely_covered(lattice.cell), &self.at_corners, |n| {
             closed.is_inside(lattice.position(lattice.node(n)))
         });
+        let in_one = self.coarse_quantum / self.quantum;
         for (d, side) in self.at_corners.iter_mut().zip(&flood.sides) {
-            if *side == Side::Inside {
-                *d = -*d;
-            }
+            let signed = if *side == Side::Inside { -*d } else { *d };
+            *d = f32::from(in_quanta(signed, self.coarse_quantum)) * in_one;
         }
     }
 
-    /// Trilinear value of a far brick at `t`, fractions across it, as it will be sampled.
+    /// Trilinear value of a far brick at `t`, fractions across it, as it will be sampled; in quanta of fine bricks.
     fn value_in(&self, brick: [usize; 3], t: [f32; 3]) -> f32 {
         let at = |x: usize, y: usize, z: usize| {
             self.at_corners[self.corners.index([brick[0] + x, brick[1] + y, brick[2] + z])]
@@ -250,7 +281,7 @@ impl Flood {
 struct BakedBlock {
     /// Bricks of the grid and where their values begin, counted from the block's own.
     entries: Vec<(usize, u32)>,
-    values: Vec<f32>,
+    lines: Vec<Line>,
     near_error: f32,
     far_error: f32,
 }
@@ -306,21 +337,24 @@ impl<'a> Block<'a> {
     }
 
     fn bake(&self, closed: &ClosedMesh, buffers: &mut Buffers) -> BakedBlock {
-        let mut out = BakedBlock { entries: Vec::new(), values: Vec::new(), near_error: 0.0, far_error: 0.0 };
+        let mut out = BakedBlock { entries: Vec::new(), lines: Vec::new(), near_error: 0.0, far_error: 0.0 };
         if self.bricks().any(|b| self.is_near(b)) {
             self.fine_distances(closed, buffers);
         }
         for brick in self.bricks().filter(|&b| self.is_near(b)) {
-            let base = out.values.len();
-            out.entries.push((self.coarse.brick(self.in_grid(brick)), base as u32));
-            out.values.resize(base + VALUES, 0.0);
-            let values = &mut out.values[base..];
-            for n in 0..NODES {
-                let at = [n % ROW, n / ROW % ROW, n / (ROW * ROW)];
+            out.entries.push((self.coarse.brick(self.in_grid(brick)), (out.lines.len() * LINE) as u32));
+            let mut values = [0i16; NODES];
+            for (n, value) in values.iter_mut().enumerate() {
+                let at = [n % EDGE, n / EDGE % EDGE, n / (EDGE * EDGE)];
                 let at = [0, 1, 2].map(|k: usize| brick[k] * BRICK + at[k]);
-                values[n] = self.constrained(at).unwrap_or(buffers.distance[self.lattice.index(at)]);
+                *value = match self.constrained(at) {
+                    // Whole, as bricks say.
+                    Some(in_quanta) => in_quanta as i16,
+                    None => in_quanta(buffers.distance[self.lattice.index(at)], self.coarse.quantum),
+                };
             }
-            self.measure(closed, brick, &out.values[base..], &mut out.near_error, &mut out.far_error);
+            self.measure(closed, brick, &values, &mut out.near_error, &mut out.far_error);
+            out.lines.extend_from_slice(&lines(&values));
         }
         if !self.bricks().all(|b| self.is_near(b)) {
             self.add_coarse(&mut out);
@@ -338,10 +372,10 @@ impl<'a> Block<'a> {
         flood.sides.clear();
         flood.sides.resize(n_nodes, Side::Ignored);
         for brick in self.bricks().filter(|&b| self.is_near(b)) {
-            for z in 0..ROW {
-                for y in 0..ROW {
+            for z in 0..EDGE {
+                for y in 0..EDGE {
                     let at = [brick[0] * BRICK, brick[1] * BRICK + y, brick[2] * BRICK + z];
-                    flood.sides[self.lattice.index(at)..][..ROW].fill(Side::Unknown);
+                    flood.sides[self.lattice.index(at)..][..EDGE].fill(Side::Unknown);
                 }
             }
         }
@@ -411,7 +445,7 @@ impl<'a> Block<'a> {
     }
 
     /// Compares a brick with exact distances at the middles of its cells.
-    fn measure(&self, closed: &ClosedMesh, brick: [usize; 3], values: &[f32], near: &mut f32, far: &mut f32) {
+    fn measure(&self, closed: &ClosedMesh, brick: [usize; 3], values: &[i16; NODES], near: &mut f32, far: &mut f32) {
         let cell = self.coarse.cell;
         let brick_middle = self.coarse.at_middles[self.coarse.brick(self.in_grid(brick))];
         // No cell of the brick is within two of the surface: one cell of eight stands for the others.
@@ -427,11 +461,14 @@ impl<'a> Block<'a> {
             closed.tree.distances(&at.map(middle), &mut hint, &mut exact);
             for l in 0..8 {
                 let [x, y, z] = at[l];
-                let corners: [f32; 8] =
-                    std::array::from_fn(|c| values[node(x + (c & 1), y + (c >> 1 & 1), z + (c >> 2))]);
+                let corners: [f32; 8] = std::array::from_fn(|c| {
+                    f32::from(values[node(x + (c & 1), y + (c >> 1 & 1), z + (c >> 2))]) * self.coarse.quantum
+                });
                 let sampled = corners.iter().sum::<f32>() / 8.0;
                 let largest = corners.iter().fold(0.0f32, |a, &b| if b.abs() > a.abs() { b } else { a });
-                let one_side = exact[l] + largest.abs() > self.coarse.surely_covered(0.5 * 3f32.sqrt() * cell);
+                // A value inside may be deeper by a quantum than it is.
+                let reach = self.coarse.surely_covered(0.5 * 3f32.sqrt() * cell) + self.coarse.quantum;
+                let one_side = exact[l] + largest.abs() > reach;
                 let is_inside = if one_side { largest < 0.0 } else { closed.is_inside(middle(at[l])) };
                 let exact = if is_inside { -exact[l] } else { exact[l] };
                 let error = overstatement(sampled, exact, cell);
@@ -443,19 +480,21 @@ impl<'a> Block<'a> {
 
     /// Adds the coarse brick that serves the block's far bricks.
     fn add_coarse(&self, out: &mut BakedBlock) {
-        let base = out.values.len();
-        out.values.resize(base + VALUES, 0.0);
-        for n in 0..NODES {
-            let at = [n % ROW, n / ROW % ROW, n / (ROW * ROW)];
+        let base = out.lines.len() * LINE;
+        let mut values = [0i16; NODES];
+        let in_one = self.coarse.quantum / self.coarse.coarse_quantum;
+        for (n, value) in values.iter_mut().enumerate() {
+            let at = [n % EDGE, n / EDGE % EDGE, n / (EDGE * EDGE)];
             if (0..3).all(|k| at[k] <= self.count[k]) {
-                out.values[base + n] = self.coarse.at_corners[self.coarse.corners.index(self.in_grid(at))];
+                *value = (self.coarse.at_corners[self.coarse.corners.index(self.in_grid(at))] * in_one) as i16;
             }
         }
+        out.lines.extend_from_slice(&lines(&values));
         for brick in self.bricks().filter(|&b| !self.is_near(b)) {
             let [x, y, z] = brick;
             let in_grid = self.coarse.brick(self.in_grid(brick));
-            out.entries.push((in_grid, (base + node(x, y, z)) as u32 | COARSE));
-            let sampled = self.coarse.value_in(self.in_grid(brick), [0.5; 3]);
+            out.entries.push((in_grid, (base as u32 + first_corner(x as u32, y as u32, z as u32)) | COARSE));
+            let sampled = self.coarse.value_in(self.in_grid(brick), [0.5; 3]) * self.coarse.quantum;
             if sampled > 0.0 {
                 out.far_error = out.far_error.max(sampled - self.coarse.at_middles[in_grid]);
             }
