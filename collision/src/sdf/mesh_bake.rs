@@ -29,6 +29,15 @@ const MAX_BRICKS: usize = (1 << 31) / VALUES - 1;
 const BLOCK: usize = 16;
 const BLOCK_BRICKS: usize = BLOCK / BRICK;
 const BLOCK_NODES: usize = BLOCK + 1;
+/// Bytes of a brick.
+const BRICK_BYTES: usize = VALUES * size_of::<i16>();
+
+/// How far from the surface the middle of a brick may be for the brick to be fine, in cells: half the diagonal of a brick, and
+/// the diagonal of a cell, so that every cell within the band has exact corners.
+fn reach_cells(params: &BakeParams) -> f32 {
+    params.band_cells + 3f32.sqrt() * (0.5 * BRICK as f32 + 1.0)
+}
+
 /// Bakes a mesh already closed.
 pub(crate) fn bake_closed(closed: &ClosedMesh, params: BakeParams) -> Result<SignedDistanceField, Error> {
     for (name, value) in [("margin", params.margin), ("band_cells", params.band_cells)] {
@@ -77,11 +86,19 @@ pub(crate) fn bake_closed(closed: &ClosedMesh, params: BakeParams) -> Result<Sig
 fn plan(closed: &ClosedMesh, params: &BakeParams) -> Result<Coarse, Error> {
     /// Bytes go as a power between two and three of the cell, so a few retries find one that fits.
     const RETRIES: usize = 100;
+    const DOWN: f32 = 0.8;
     let rim = |cell: f32| closed.bounds.grown(params.margin.min(closed.bounds.size().norm()).max(2.0 * cell));
     if let Some(cell) = params.cell {
         return Coarse::new(closed, rim(cell), cell, params);
     }
-    let mut cell = smallest_half_thickness(&closed.indexed()?) / CELLS_PER_HALF_THICKNESS;
+    let wanted = smallest_half_thickness(&closed.indexed()?) / CELLS_PER_HALF_THICKNESS;
+    // Where the near bricks are at least a layer as thick as their reach on one side of the surface. It fails to be that many
+    // where layers overlap between thin parts: then the way goes down again first.
+    let least_bytes = closed.area() * reach_cells(params) / (BRICK * BRICK * BRICK) as f32 * BRICK_BYTES as f32;
+    let mut cell = wanted.max((least_bytes / params.max_bytes.max(1) as f32).sqrt());
+    while cell > wanted && Coarse::new(closed, rim(cell), cell, params).is_ok() {
+        cell = wanted.max(cell * DOWN);
+    }
     let mut retries = 0;
     loop {
         match Coarse::new(closed, rim(cell), cell, params) {
@@ -130,7 +147,7 @@ impl Coarse {
         let too_large = |n_near: usize| {
             let n_blocks: usize = count.iter().map(|n| n.div_ceil(BLOCK_BRICKS)).product();
             let n_stored = if n_near == n_bricks { n_near } else { n_near + n_blocks };
-            let bytes = n_stored * VALUES * size_of::<i16>() + n_bricks * size_of::<u32>();
+            let bytes = n_stored * BRICK_BYTES + n_bricks * size_of::<u32>();
             let nodes = count.map(|n| n * BRICK + 1);
             let full = bytes > params.max_bytes || n_stored > MAX_BRICKS;
             if full { Err(Error::TooLarge { nodes, bytes, max_bytes: params.max_bytes }) } else { Ok(()) }
@@ -140,11 +157,22 @@ impl Coarse {
         let edge = BRICK as f32 * cell;
         let corners = Lattice { origin: bounds.min, cell: edge, nodes: count.map(|n| n + 1) };
         let middles = Lattice { origin: bounds.min + Vector3::repeat(0.5 * edge), cell: edge, nodes: count };
-        let at_middles = distances(&closed.tree, &middles);
-        // Half the diagonal of a brick, and the diagonal of a cell: every cell within the band has exact corners.
-        let reach = (params.band_cells + 3f32.sqrt() * (0.5 * BRICK as f32 + 1.0)) * cell;
+        let reach = reach_cells(params) * cell;
+        // Of most grids only the blocks about the surface have near bricks: the others need not be asked for their number.
+        let blocks = count.map(|n| n.div_ceil(BLOCK_BRICKS));
+        let block_edge = BLOCK as f32 * cell;
+        let block_middles =
+            Lattice { origin: bounds.min + Vector3::repeat(0.5 * block_edge), cell: block_edge, nodes: blocks };
+        // From the middle of a block to those of its bricks, and what is rounded on the way.
+        let in_block = 0.5 * 3f32.sqrt() * (block_edge - edge) * 1.001;
+        let may_be_near: Vec<bool> =
+            distances(&closed.tree, &block_middles).iter().map(|&d| d <= reach + in_block).collect();
+        let is_wanted = |at: [usize; 3]| may_be_near[block_middles.index(at.map(|n| n / BLOCK_BRICKS))];
+        let mut at_middles = vec![f32::INFINITY; n_bricks];
+        add_distances(&closed.tree, &middles, is_wanted, &mut at_middles);
         let near: Vec<bool> = at_middles.iter().map(|&d| d <= reach).collect();
         too_large(near.iter().filter(|&&near| near).count())?;
+        add_distances(&closed.tree, &middles, |at| !is_wanted(at), &mut at_middles);
         let at_corners = distances(&closed.tree, &corners);
         // No node of a brick is farther from its middle than this; what it takes from a coarse one is a mean of its corners.
         let half_diagonal = 0.5 * 3f32.sqrt() * edge;
@@ -214,17 +242,30 @@ impl Coarse {
 
 /// Distances without sign at all nodes of a lattice.
 fn distances(tree: &TriangleTree, lattice: &Lattice) -> Vec<f32> {
-    let [nx, ny, nz] = lattice.nodes;
-    let mut out = vec![0.0; nx * ny * nz];
+    let mut out = vec![0.0; lattice.n_nodes()];
+    add_distances(tree, lattice, |_| true, &mut out);
+    out
+}
+
+/// Distances without sign at those nodes of a lattice that are wanted; others stay.
+fn add_distances(tree: &TriangleTree, lattice: &Lattice, is_wanted: impl Fn([usize; 3]) -> bool + Sync, out: &mut [f32]) {
+    let [nx, ny, _] = lattice.nodes;
     out.par_chunks_mut(nx * ny).enumerate().for_each_init(Vec::new, |points, (k, slab)| {
         let mut hint: Hint = 0;
         for (j, row) in slab.chunks_mut(nx).enumerate() {
-            points.clear();
-            points.extend((0..nx).map(|i| lattice.position([i, j, k])));
-            tree.distances(points, &mut hint, row);
+            let mut begin = 0;
+            while begin < nx {
+                let wanted = is_wanted([begin, j, k]);
+                let n = (begin..nx).take_while(|&i| is_wanted([i, j, k]) == wanted).count();
+                if wanted {
+                    points.clear();
+                    points.extend((begin..begin + n).map(|i| lattice.position([i, j, k])));
+                    tree.distances(points, &mut hint, &mut row[begin..begin + n]);
+                }
+                begin += n;
+            }
         }
     });
-    out
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
