@@ -18,7 +18,7 @@ use crate::sdf::bricks::{
 };
 use crate::sdf::grid::{Bounds, SignedDistanceField, Trust};
 use crate::sdf::mesh::ClosedMesh;
-use crate::sdf::tree::{Hint, TriangleTree};
+use crate::sdf::tree::{Hint, Nearby, TriangleTree};
 use crate::thickness::smallest_half_thickness;
 
 /// Cells across the smallest half-thickness.
@@ -95,7 +95,8 @@ fn plan(closed: &ClosedMesh, params: &BakeParams) -> Result<Coarse, Error> {
     // Where the near bricks are at least a layer as thick as their reach on one side of the surface. It fails to be that many
     // where layers overlap between thin parts: then the way goes down again first.
     let least_bytes = closed.area() * reach_cells(params) / (BRICK * BRICK * BRICK) as f32 * BRICK_BYTES as f32;
-    let mut cell = wanted.max((least_bytes / params.max_bytes.max(1) as f32).sqrt());
+    let least_cell = (least_bytes / params.max_bytes.max(1) as f32).sqrt();
+    let mut cell = if least_cell.is_finite() { wanted.max(least_cell) } else { wanted };
     while cell > wanted && Coarse::new(closed, rim(cell), cell, params).is_ok() {
         cell = wanted.max(cell * DOWN);
     }
@@ -248,7 +249,12 @@ fn distances(tree: &TriangleTree, lattice: &Lattice) -> Vec<f32> {
 }
 
 /// Distances without sign at those nodes of a lattice that are wanted; others stay.
-fn add_distances(tree: &TriangleTree, lattice: &Lattice, is_wanted: impl Fn([usize; 3]) -> bool + Sync, out: &mut [f32]) {
+fn add_distances(
+    tree: &TriangleTree,
+    lattice: &Lattice,
+    is_wanted: impl Fn([usize; 3]) -> bool + Sync,
+    out: &mut [f32],
+) {
     let [nx, ny, _] = lattice.nodes;
     out.par_chunks_mut(nx * ny).enumerate().for_each_init(Vec::new, |points, (k, slab)| {
         let mut hint: Hint = 0;
@@ -333,6 +339,8 @@ struct Buffers {
     /// Distances at the block's nodes, cm.
     distance: Vec<f32>,
     flood: Flood,
+    /// For each brick of the block, the triangles near it, and whether they are few.
+    nearby: Vec<(Nearby, bool)>,
 }
 
 /// 4³ bricks of the grid, less at its far faces.
@@ -382,7 +390,7 @@ impl<'a> Block<'a> {
         if self.bricks().any(|b| self.is_near(b)) {
             self.fine_distances(closed, buffers);
         }
-        for brick in self.bricks().filter(|&b| self.is_near(b)) {
+        for (n, brick) in self.bricks().enumerate().filter(|&(_, b)| self.is_near(b)) {
             out.entries.push((self.coarse.brick(self.in_grid(brick)), (out.lines.len() * LINE) as u32));
             let mut values = [0i16; NODES];
             for (n, value) in values.iter_mut().enumerate() {
@@ -394,7 +402,8 @@ impl<'a> Block<'a> {
                     None => in_quanta(buffers.distance[self.lattice.index(at)], self.coarse.quantum),
                 };
             }
-            self.measure(closed, brick, &values, &mut out.near_error, &mut out.far_error);
+            let near = buffers.nearby[n].1.then_some(&buffers.nearby[n].0);
+            self.measure(closed, near, brick, &values, &mut out);
             out.lines.extend_from_slice(&lines(&values));
         }
         if !self.bricks().all(|b| self.is_near(b)) {
@@ -405,11 +414,11 @@ impl<'a> Block<'a> {
 
     /// Signed distances at all nodes of near bricks.
     fn fine_distances(&self, closed: &ClosedMesh, buffers: &mut Buffers) {
-        let Buffers { distance, flood } = buffers;
+        let Buffers { distance, flood, nearby } = buffers;
         let n_nodes = self.lattice.n_nodes();
         let mut points = [Vector3::zeros(); BLOCK_NODES];
         distance.clear();
-        distance.resize(n_nodes, 0.0);
+        distance.resize(n_nodes, f32::INFINITY);
         flood.sides.clear();
         flood.sides.resize(n_nodes, Side::Ignored);
         for brick in self.bricks().filter(|&b| self.is_near(b)) {
@@ -420,20 +429,21 @@ impl<'a> Block<'a> {
                 }
             }
         }
+        self.distances_by_brick(closed, &flood.sides, nearby, distance);
         let mut hint: Hint = 0;
         for row in 0..BLOCK_NODES * BLOCK_NODES {
             let (j, k) = (row % BLOCK_NODES, row / BLOCK_NODES);
             let base = self.lattice.index([0, j, k]);
             let sides = &flood.sides[base..][..BLOCK_NODES];
+            let asked = |i: usize, distance: &[f32]| sides[i] != Side::Ignored && distance[base + i] == f32::INFINITY;
             let mut begin = 0;
-            while let Some(skipped) = sides[begin..].iter().position(|s| *s != Side::Ignored) {
-                begin += skipped;
-                let n = sides[begin..].iter().take_while(|s| **s != Side::Ignored).count();
-                for (i, p) in points[..n].iter_mut().enumerate() {
-                    *p = self.position([begin + i, j, k]);
+            while let Some(i) = (begin..BLOCK_NODES).find(|&i| asked(i, distance)) {
+                let n = (i..BLOCK_NODES).take_while(|&i| asked(i, distance)).count();
+                for (l, p) in points[..n].iter_mut().enumerate() {
+                    *p = self.position([i + l, j, k]);
                 }
-                closed.tree.distances(&points[..n], &mut hint, &mut distance[base + begin..][..n]);
-                begin += n;
+                closed.tree.distances(&points[..n], &mut hint, &mut distance[base + i..][..n]);
+                begin = i + n;
             }
         }
         // Corners of bricks have their signs already.
@@ -457,6 +467,49 @@ impl<'a> Block<'a> {
                 *d = -*d;
             }
         }
+    }
+
+    /// Distances without sign at the nodes of near bricks that have few triangles near them.
+    fn distances_by_brick(
+        &self,
+        closed: &ClosedMesh,
+        sides: &[Side],
+        nearby: &mut Vec<(Nearby, bool)>,
+        distance: &mut [f32],
+    ) {
+        nearby.resize_with(BLOCK_BRICKS * BLOCK_BRICKS * BLOCK_BRICKS, Default::default);
+        let (mut at, mut points) = ([0; NODES], [Vector3::zeros(); NODES]);
+        let mut found = [0.0; NODES];
+        for (brick, (near, are_few)) in self.bricks().zip(nearby.iter_mut()) {
+            *are_few = self.is_near(brick) && self.gather(closed, brick, near);
+            if !*are_few {
+                continue;
+            }
+            let mut n = 0;
+            for node in 0..NODES {
+                let in_block = [node % EDGE, node / EDGE % EDGE, node / (EDGE * EDGE)];
+                let in_block = [0, 1, 2].map(|k: usize| brick[k] * BRICK + in_block[k]);
+                let index = self.lattice.index(in_block);
+                // What bricks share is asked once.
+                if sides[index] != Side::Ignored && distance[index] == f32::INFINITY {
+                    (at[n], points[n]) = (index, self.position(in_block));
+                    n += 1;
+                }
+            }
+            closed.tree.distances_among(near, &points[..n], &mut found[..n]);
+            for (&index, &d) in at[..n].iter().zip(&found[..n]) {
+                distance[index] = d;
+            }
+        }
+    }
+
+    /// Finds the triangles that points of a brick may have nearest.
+    fn gather(&self, closed: &ClosedMesh, brick: [usize; 3], near: &mut Nearby) -> bool {
+        let half_diagonal = 0.5 * 3f32.sqrt() * BRICK as f32 * self.coarse.cell;
+        let middle = self.position(brick.map(|b| b * BRICK)) + Vector3::repeat(0.5 * BRICK as f32 * self.coarse.cell);
+        let rounded = round_off(&self.coarse.bounds());
+        let distance = self.coarse.at_middles[self.coarse.brick(self.in_grid(brick))];
+        closed.tree.gather(middle, distance + 2.0 * rounded, half_diagonal + 2.0 * rounded, near)
     }
 
     /// The value that a node takes from a coarse brick that it lies on; none where all around are fine.
@@ -486,7 +539,14 @@ impl<'a> Block<'a> {
     }
 
     /// Compares a brick with exact distances at the middles of its cells.
-    fn measure(&self, closed: &ClosedMesh, brick: [usize; 3], values: &[i16; NODES], near: &mut f32, far: &mut f32) {
+    fn measure(
+        &self,
+        closed: &ClosedMesh,
+        nearby: Option<&Nearby>,
+        brick: [usize; 3],
+        values: &[i16; NODES],
+        out: &mut BakedBlock,
+    ) {
         let cell = self.coarse.cell;
         let brick_middle = self.coarse.at_middles[self.coarse.brick(self.in_grid(brick))];
         // No cell of the brick is within two of the surface: one cell of eight stands for the others.
@@ -499,7 +559,10 @@ impl<'a> Block<'a> {
                 self.position([0, 1, 2].map(|k: usize| brick[k] * BRICK + at[k])) + Vector3::repeat(0.5 * cell)
             };
             let mut exact = [0.0; 8];
-            closed.tree.distances(&at.map(middle), &mut hint, &mut exact);
+            match nearby {
+                Some(near) => closed.tree.distances_among(near, &at.map(middle), &mut exact),
+                None => closed.tree.distances(&at.map(middle), &mut hint, &mut exact),
+            }
             for l in 0..8 {
                 let [x, y, z] = at[l];
                 let corners: [f32; 8] = std::array::from_fn(|c| {
@@ -513,7 +576,7 @@ impl<'a> Block<'a> {
                 let is_inside = if one_side { largest < 0.0 } else { closed.is_inside(middle(at[l])) };
                 let exact = if is_inside { -exact[l] } else { exact[l] };
                 let error = overstatement(sampled, exact, cell);
-                let worst = if sampled > self.coarse.band { &mut *far } else { &mut *near };
+                let worst = if sampled > self.coarse.band { &mut out.far_error } else { &mut out.near_error };
                 *worst = worst.max(error);
             }
         }
