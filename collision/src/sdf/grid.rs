@@ -355,6 +355,36 @@ impl SignedDistanceField {
         ((y0 + t.z * (y1 - y0)) * quantum, gradient * slope)
     }
 
+    /// Signed distance at `p` and, squared (cm²), a bound that the distance to the solid is never below where the cell's
+    /// nodes are exact; the bound is negative where it proves nothing, and not asked for beyond `far` (cm).
+    ///
+    /// The squared distance to any set less the square of the place is the least of functions linear in the place, hence
+    /// concave: at a mean of nodes it is at least the mean of its values there. So is a lower bound what values rounded down
+    /// make of it.
+    #[inline]
+    pub(crate) fn distance_and_bound2(&self, p: Vector3<f32>, far: f32) -> (f32, f32) {
+        let g = (p - self.origin) * self.inv_cell;
+        if !self.holds(&g) {
+            return (self.distance_outside(&g), -1.0);
+        }
+        let Place { first, t, quantum, slope: _ } = self.place(&g);
+        let c = self.corners(first);
+        let mean = |of: [[f32; 2]; 4]| {
+            let x = of.map(|[a, b]| a + t.x * (b - a));
+            let y0 = x[0] + t.y * (x[1] - x[0]);
+            let y1 = x[2] + t.y * (x[3] - x[2]);
+            y0 + t.z * (y1 - y0)
+        };
+        let d = mean(c) * quantum;
+        if quantum != self.layout.quantum || d > far {
+            return (d, -1.0);
+        }
+        let square = mean(c.map(|pair| pair.map(|v| if v > 0.0 { v * v } else { 0.0 }))) * (quantum * quantum);
+        // The mean of the nodes' squared distances from `p`.
+        let spread = t.x * (1.0 - t.x) + t.y * (1.0 - t.y) + t.z * (1.0 - t.z);
+        (d, square - spread * (self.cell * self.cell))
+    }
+
     /// The nearest point of the grid's box, in grid coordinates.
     fn nearest(&self, g: &Vector3<f32>) -> Vector3<f32> {
         g.zip_map(&self.last, |x, last| x.clamp(0.0, last))
