@@ -100,8 +100,6 @@ struct Passes {
     edges: [[[i16; 2]; BLOCK]; 4],
     /// Zero for points in the grid.
     outside: [u32; BLOCK],
-    /// Distance, then gradient along each axis.
-    found: [[f32; BLOCK]; 4],
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
@@ -119,9 +117,8 @@ fn sample_inside(grid: Grid, points: [&[f32]; 3], out: &mut Samples, singly: &mu
         slope: [0.0; BLOCK],
         edges: [[[0; 2]; BLOCK]; 4],
         outside: [0; BLOCK],
-        found: [[0.0; BLOCK]; 4],
     };
-    let Passes { t, cell, place, within, quantum, slope, edges, outside, found } = &mut passes;
+    let Passes { t, cell, place, within, quantum, slope, edges, outside } = &mut passes;
     let mut begin = 0;
     while begin < n && countable {
         let size = BLOCK.min(n - begin);
@@ -194,14 +191,23 @@ fn sample_inside(grid: Grid, points: [&[f32]; 3], out: &mut Samples, singly: &mu
             let gradient_x = (ex0 + tz * (ex1 - ex0)) * slope;
             let gradient_y = (dy0 + tz * (dy1 - dy0)) * slope;
             let gradient_z = (y1 - y0) * slope;
-            for (to, from) in found.iter_mut().zip([distance, gradient_x, gradient_y, gradient_z]) {
-                to[lanes.clone()].copy_from_slice(&from.0);
+            // Straight to where it belongs: gathered in a block first, wide copies would wait for the narrower stores.
+            let n_here = LANES.min(size - first);
+            let to = begin + first..begin + first + n_here;
+            if n_here == LANES {
+                out.distance[to.clone()].copy_from_slice(&distance.0);
+                out.gradient[0][to.clone()].copy_from_slice(&gradient_x.0);
+                out.gradient[1][to.clone()].copy_from_slice(&gradient_y.0);
+                out.gradient[2][to].copy_from_slice(&gradient_z.0);
+            } else {
+                out.distance[to.clone()].copy_from_slice(&distance.0[..n_here]);
+                out.gradient[0][to.clone()].copy_from_slice(&gradient_x.0[..n_here]);
+                out.gradient[1][to.clone()].copy_from_slice(&gradient_y.0[..n_here]);
+                out.gradient[2][to].copy_from_slice(&gradient_z.0[..n_here]);
             }
-        }
-        let to = begin..begin + size;
-        out.distance[to.clone()].copy_from_slice(&found[0][..size]);
-        for k in 0..3 {
-            out.gradient[k][to.clone()].copy_from_slice(&found[k + 1][..size]);
+            if first + LANES >= size {
+                break;
+            }
         }
         if outside.iter().fold(0, |a, b| a | b) != 0 {
             for l in (0..size).filter(|&l| outside[l] != 0) {
