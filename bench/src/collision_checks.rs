@@ -19,7 +19,7 @@ use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
 /// What the check on a field said of segments near a solid, beside the exact test on its triangles.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CheckReport {
     /// Segments that start outside the solid: those judged.
     pub judged: usize,
@@ -27,8 +27,12 @@ pub struct CheckReport {
     pub hit: usize,
     /// Segments called free that touch.
     pub false_free: usize,
-    /// Segments called blocked that do not touch.
+    /// Segments called blocked.
+    pub blocked: usize,
+    /// Of these, such as do not touch.
     pub false_blocked: usize,
+    /// How near to the surface the farthest of those comes, cells.
+    pub false_blocked_within: f64,
 }
 
 impl CheckReport {
@@ -37,7 +41,9 @@ impl CheckReport {
             judged: self.judged + other.judged,
             hit: self.hit + other.hit,
             false_free: self.false_free + other.false_free,
+            blocked: self.blocked + other.blocked,
             false_blocked: self.false_blocked + other.false_blocked,
+            false_blocked_within: self.false_blocked_within.max(other.false_blocked_within),
         }
     }
 
@@ -46,10 +52,19 @@ impl CheckReport {
     pub fn false_blocked_pct(&self) -> f64 {
         100.0 * self.false_blocked as f64 / (self.judged - self.hit).max(1) as f64
     }
+
+    /// Share of the segments called blocked that touch nothing, percent.
+    #[must_use]
+    pub fn blocked_falsely_pct(&self) -> f64 {
+        100.0 * self.false_blocked as f64 / self.blocked.max(1) as f64
+    }
 }
 
 /// Share of a solid's half-thickness down to which the runtime looks: its standard `gap_resolution`.
 const GAP_RESOLUTION: f32 = 0.5;
+
+/// Farther than any segment that is called blocked, cm.
+const FAR_CM: f64 = 5.0;
 
 /// Longest segment tried and farthest start from the surface, cm: guides are a centimetre or two apart.
 const REACH_CM: f32 = 2.0;
@@ -76,7 +91,13 @@ pub fn check_segments(solid: &Solid, mesh: &TriMesh, n: usize, seed: u64) -> Res
             judged: 1,
             hit: usize::from(hit),
             false_free: usize::from(free && hit),
+            blocked: usize::from(!free),
             false_blocked: usize::from(!free && !hit),
+            false_blocked_within: if free || hit {
+                0.0
+            } else {
+                surface.distance_within(&[a.cast(), b.cast()], FAR_CM) / f64::from(solid.sdf.cell())
+            },
         }
     };
     Ok(segments.par_iter().map(judge).reduce(CheckReport::default, CheckReport::add))
@@ -95,20 +116,22 @@ fn segment_near(mesh: &TriMesh, random: &mut Pcg64) -> [Vector3<f32>; 2] {
     [from, from + step(REACH_CM)]
 }
 
-/// `false_free` and `false_blocked_pct` of 100,000 segments near each of the built-in head, the dressing comb and a sphere,
-/// all baked from their meshes.
+/// 100,000 segments near each of the built-in head, the dressing comb and a sphere, all baked from their meshes: those falsely
+/// called free; those falsely called blocked, as a share of those that touch nothing and of those called blocked; and
+/// how near to the surface the farthest of these comes.
 ///
 /// # Errors
 /// As the generators.
 pub fn interpolation_check() -> Result<Vec<Row>, Error> {
     const SEGMENTS: usize = 100_000;
-    let solids = [
-        (shapes::head()?, 0.2, "head_false_free", "head_false_blocked_pct"),
-        (shapes::comb(CombParams::dressing())?, 0.02, "comb_false_free", "comb_false_blocked_pct"),
-        (shapes::sphere(2.0)?, 0.1, "sphere_false_free", "sphere_false_blocked_pct"),
+    let names = [
+        ["head_false_free", "head_false_blocked_pct", "head_blocked_falsely_pct", "head_false_blocked_within"],
+        ["comb_false_free", "comb_false_blocked_pct", "comb_blocked_falsely_pct", "comb_false_blocked_within"],
+        ["sphere_false_free", "sphere_false_blocked_pct", "sphere_blocked_falsely_pct", "sphere_false_blocked_within"],
     ];
+    let solids = [(shapes::head()?, 0.2), (shapes::comb(CombParams::dressing())?, 0.02), (shapes::sphere(2.0)?, 0.1)];
     let mut rows = Vec::new();
-    for (shape, cell, false_free, false_blocked_pct) in solids {
+    for ((shape, cell), [false_free, false_blocked_pct, blocked_falsely_pct, within]) in solids.into_iter().zip(names) {
         let mesh = solid_mesh(&shape);
         let mut solid =
             Solid::from_mesh(&shape.name, &mesh.vertices, &mesh.triangles, BakeParams::with_cell(cell), 0.2)
@@ -117,7 +140,9 @@ pub fn interpolation_check() -> Result<Vec<Row>, Error> {
         solid.half_thickness_cm = shape.half_thickness_cm;
         let report = check_segments(&solid, &mesh, SEGMENTS, 7)?;
         rows.push((false_free, "segments", report.false_free as f64));
-        rows.push((false_blocked_pct, "%", report.false_blocked_pct()));
+        rows.push((false_blocked_pct, "% of free", report.false_blocked_pct()));
+        rows.push((blocked_falsely_pct, "% of blocked", report.blocked_falsely_pct()));
+        rows.push((within, "cells", report.false_blocked_within));
     }
     Ok(rows)
 }

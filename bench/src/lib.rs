@@ -4,6 +4,7 @@
 //! - [`shapes_gear`], [`shapes_hand`]: gears cut through, a hand that closes and opens, as closed meshes
 //! - [`grooms`]: a combed head of hair of any strand count, from a seed
 //! - [`picture`]: pictures without a window
+//! - [`baked`]: solids of meshes, baked once and kept
 //! - [`world`]: a scene made real; [`full_space`]: every strand of it simulated
 //! - [`head_motion`]: random head motion for training
 //! - [`comb_sweeps`]: combs swept through strands, and what goes through
@@ -15,6 +16,7 @@
 //! Centimetre, gram, second. Everything here is a function of its parameters and seed: the same bytes on any machine
 //! with the same floating-point library, for any thread count.
 
+pub mod baked;
 pub mod collision_bench;
 pub mod collision_checks;
 pub mod comb_sweeps;

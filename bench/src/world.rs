@@ -1,10 +1,12 @@
 //! A scene made real: groom, head, solids and their motions, from a scene description.
 
+use crate::baked::solid_of_mesh;
 use crate::error::Error;
 use crate::grooms::{GroomParams, Style, generate};
 use crate::shapes::{self, CombParams, solid_mesh};
 use adaptive_runtime::{material_of, record_of};
 use collision::{BakeParams, MovingSolid, Solid, SolidPose};
+use io_formats::BakeCache;
 use io_formats::densify::densify;
 use io_formats::groom::UniformGroom;
 use io_formats::mesh::TriMesh;
@@ -41,7 +43,15 @@ impl World {
     ///
     /// # Errors
     /// Whatever the named files or parameters have wrong.
-    pub fn build(scene: Scene, mut progress: impl FnMut(&str)) -> Result<Self, Error> {
+    pub fn build(scene: Scene, progress: impl FnMut(&str)) -> Result<Self, Error> {
+        Self::build_with(scene, None, progress)
+    }
+
+    /// As [`Self::build`], with solids of meshes taken from a cache, or kept there.
+    ///
+    /// # Errors
+    /// As [`Self::build`].
+    pub fn build_with(scene: Scene, cache: Option<&BakeCache>, mut progress: impl FnMut(&str)) -> Result<Self, Error> {
         progress("head");
         let (head, head_mesh) = match &scene.head.shape {
             HeadShape::Builtin => {
@@ -49,7 +59,7 @@ impl World {
                 let mesh = solid_mesh(&head);
                 (head, mesh)
             }
-            HeadShape::Mesh(source) => bake("head", source, HEAD_FRICTION)?,
+            HeadShape::Mesh(source) => bake("head", source, HEAD_FRICTION, cache)?,
         };
         progress("groom");
         let (groom, dropped_strands) = build_groom(&scene, &head)?;
@@ -64,7 +74,7 @@ impl World {
                 (solid, mesh)
             };
             let (mut solid, mesh) = match spec.shape {
-                SolidShape::Mesh(ref source) => bake(&spec.name, source, spec.friction as f32)?,
+                SolidShape::Mesh(ref source) => bake(&spec.name, source, spec.friction as f32, cache)?,
                 SolidShape::Sphere { radius_cm } => meshed(shapes::sphere(radius_cm as f32)?),
                 SolidShape::Rod { radius_cm, length_cm } => meshed(shapes::rod(radius_cm as f32, length_cm as f32)?),
                 SolidShape::Comb { teeth, pitch_cm, tooth_radius_cm, tooth_length_cm, spine_radius_cm } => {
@@ -155,10 +165,10 @@ impl World {
 
 const HEAD_FRICTION: f32 = 0.1;
 
-fn bake(name: &str, source: &MeshSource, friction: f32) -> Result<(Solid, TriMesh), Error> {
+fn bake(name: &str, source: &MeshSource, friction: f32, cache: Option<&BakeCache>) -> Result<(Solid, TriMesh), Error> {
     let mesh = source.load()?;
-    let solid = Solid::from_mesh(name, &mesh.vertices, &mesh.triangles, BakeParams::automatic(), friction)
-        .map_err(|source| Error::Bake { name: name.to_owned(), source })?;
+    let (solid, origin) = solid_of_mesh(name, &mesh, BakeParams::automatic(), friction, cache)?;
+    tracing::debug!(solid = name, ?origin, "solid of a mesh");
     Ok((solid, mesh))
 }
 

@@ -3,7 +3,7 @@
 //! AS16 tests the segments between equal particles of both guides. A departure: the ribbon between two such
 //! segments is tested too, for a tooth passes between rung t and rung t + 1 without touching either. All tests bound by the
 //! distance at the middle and subdivide; "free" is always proven, so a piece still undecided at the resolution counts as
-//! blocked, and so does one that is not finite. [`proven_distance`] says what a sample proves; the exact tests on the
+//! blocked, and so does one that is not finite. [`proven_distance_at`] says what is proven at a place, [`proven_distance`] what a sample proves; the exact tests on the
 //! triangles, which these are compared with, are [`crate::surface::Surface::is_hit_by`] and its ribbons.
 
 use nalgebra::Vector3;
@@ -11,8 +11,9 @@ use nalgebra::Vector3;
 use crate::sdf::SignedDistanceField;
 
 /// Whether every point of the segment `a`-`b` (solid's frame, cm) is outside the solid. Never true of a segment that is
-/// not; may be false of one that passes within about `resolution` (cm) or a grid cell. Resolutions below a sixteenth of
-/// a cell are taken as that.
+/// not; may be false of one that passes within a cell and a half of the grid, mostly half of one, however coarse the `resolution`
+/// (cm): that says how far pieces are cut that prove nothing, and may be called blocked. Below a sixteenth of a cell it is
+/// taken as that.
 pub fn segment_is_free(sdf: &SignedDistanceField, a: Vector3<f32>, b: Vector3<f32>, resolution: f32) -> bool {
     segment_keeps_clear(sdf, a, b, 0.0, resolution)
 }
@@ -27,7 +28,7 @@ pub fn segment_keeps_clear(
 ) -> bool {
     let middle = (a + b) * 0.5;
     let radius = 0.5 * (b - a).norm();
-    match judge(sdf, middle, radius, clearance, resolution) {
+    match judge(sdf, middle, radius, clearance, [resolution, SEGMENT_CELLS * sdf.cell()]) {
         Verdict::Free => true,
         Verdict::Blocked => false,
         Verdict::Open => {
@@ -54,7 +55,7 @@ pub fn ribbon_keeps_clear(
     // A bilinear patch lies in the hull of its corners.
     let middle = (a0 + b0 + a1 + b1) * 0.25;
     let radius = farthest(&middle, &corners);
-    match judge(sdf, middle, radius, clearance, resolution) {
+    match judge(sdf, middle, radius, clearance, [resolution, RIBBON_CELLS * sdf.cell()]) {
         Verdict::Free => true,
         Verdict::Blocked => false,
         Verdict::Open => {
@@ -148,14 +149,45 @@ fn less_spread(d: f32, v: f32) -> f32 {
     if d * d > v && d > 0.0 { (d * d - v).sqrt() } else { d - v.sqrt() }
 }
 
-/// What one sample in the middle of a piece of the given radius proves.
+/// Finest resolutions of pieces whose middle is proven free, in cells: those end at the proof, not at the resolution asked for. A
+/// segment has few of them, a ribbon that lies on a face has them all over.
+const SEGMENT_CELLS: f32 = 0.125;
+const RIBBON_CELLS: f32 = 0.5;
+
+/// [`proven_distance`] beyond this many cells gains nothing from the nodes one by one.
+const NEAR_CELLS: f32 = 4.0;
+
+/// What a field proves at a place (solid's frame, cm): the true distance is at least this.
+pub fn proven_distance_at(sdf: &SignedDistanceField, p: Vector3<f32>) -> f32 {
+    distance_and_proof(sdf, p).1
+}
+
+/// Signed distance at a point, and what is proven there: at least [`proven_distance`] of it. Near the surface the cell's eight
+/// values tell more than their mean, see [`SignedDistanceField::distance_and_bound2`].
 #[inline]
-fn judge(sdf: &SignedDistanceField, middle: Vector3<f32>, radius: f32, clearance: f32, resolution: f32) -> Verdict {
-    let d = sdf.distance(middle);
-    let surely = proven_distance(sdf, d);
+fn distance_and_proof(sdf: &SignedDistanceField, p: Vector3<f32>) -> (f32, f32) {
+    let (d, bound2) = sdf.distance_and_bound2(p, NEAR_CELLS * sdf.cell());
+    let proven = proven_distance(sdf, d);
+    // Where the distance is within the band the nodes are exact, and elsewhere it is more than the band.
+    let near = if bound2 > 0.0 { bound2.sqrt().min(sdf.band()) - sdf.round_off(d) } else { proven };
+    (d, if near > proven { near } else { proven })
+}
+
+/// What one sample in the middle of a piece of the given radius proves. It is cut further down to the first resolution where its
+/// middle may be free, and down to the second where it is.
+#[inline]
+fn judge(
+    sdf: &SignedDistanceField,
+    middle: Vector3<f32>,
+    radius: f32,
+    clearance: f32,
+    [resolution, if_proven]: [f32; 2],
+) -> Verdict {
+    let (d, surely) = distance_and_proof(sdf, middle);
+    let finest = if surely > clearance && if_proven < resolution { if_proven } else { resolution };
     if surely > radius + clearance {
         Verdict::Free
-    } else if d > clearance && radius > (0.5 * resolution).max(FINEST_CELLS * sdf.cell()) && radius < f32::INFINITY {
+    } else if d > clearance && radius > (0.5 * finest).max(FINEST_CELLS * sdf.cell()) && radius < f32::INFINITY {
         Verdict::Open
     } else {
         Verdict::Blocked

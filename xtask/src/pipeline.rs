@@ -2,6 +2,7 @@
 //!
 //! Stage outputs live in `out/cache`, named by stage and key. A stage whose file is whole is not done again; recorded
 //! frames continue after the last whole one, so a killed run resumes and ends with the same bytes.
+//! Baked solids of meshes lie in `out/cache/solids`, each under a hash of its mesh.
 
 use crate::progress::Bars;
 use anyhow::{Context, Result, bail};
@@ -9,6 +10,7 @@ use hair_bench::full_space::{FullSpace, settle};
 use hair_bench::head_motion::{HeadMotionParams, random_head_motion};
 use hair_bench::run::{ErrorPct, Mode, Reference, RunResult, blind_reach, replayed_error, run};
 use hair_bench::world::World;
+use io_formats::BakeCache;
 use io_formats::frames::{FrameInfo, FrameSource, FrameStore, FrameStoreWriter};
 use io_formats::groom::UniformGroom;
 use io_formats::scene::{GroomSource, HairStyle, HeadShape, Scene, SolidShape};
@@ -20,7 +22,7 @@ use strand_sim::StepParams;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Raised whenever a change makes stage outputs of equal inputs differ.
-const PIPELINE_VERSION: u64 = 7;
+const PIPELINE_VERSION: u64 = 8;
 
 /// Scenes that come with the program, by name.
 const BUILT_IN: [(&str, &str); 1] = [("salon", include_str!("../../bench/scenes/salon.toml"))];
@@ -104,7 +106,8 @@ pub fn prepare(scene: Scene, out: &Path, bars: &Bars) -> Result<Prepared> {
     let cache = out.join("cache");
     std::fs::create_dir_all(&cache).with_context(|| format!("creating {}", cache.display()))?;
     let spinner = bars.spinner("scene");
-    let world = World::build(scene, |what| spinner.set_message(what.to_owned()))?;
+    let solids = BakeCache::in_directory(&cache.join("solids"));
+    let world = World::build_with(scene, Some(&solids), |what| spinner.set_message(what.to_owned()))?;
     spinner.finish_and_clear();
     if world.dropped_strands > 0 {
         bars.note(&format!("{} strands without length were left out", world.dropped_strands));

@@ -60,7 +60,7 @@ pub fn bake_from_fn(
     check_values(&lattice, &values)?;
 
     let exact = Trust { max_error: 0.0, band: f32::MAX, far_error: 0.0 };
-    let field = SignedDistanceField::from_layout(bounds.min, cell, nodes, Layout::dense(nodes, &values), exact);
+    let field = SignedDistanceField::from_layout(bounds.min, cell, nodes, Layout::dense(nodes, cell, &values), exact);
     let error = measure(&lattice, &field, &f, cell).max(round_off(&bounds));
     Ok(field.trusted(Trust { max_error: error, band: f32::MAX, far_error: error }))
 }

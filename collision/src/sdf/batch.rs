@@ -1,6 +1,8 @@
 //! Many samples at once: the arithmetic of eight points in vector instructions, their reads one by one.
 //!
-//! Points come as three arrays and go out as four. Results are those of [`SignedDistanceField::distance_gradient`] bit for
+//! Points come as three arrays and go out as four. They are taken in blocks, and a block in passes: places, then the table,
+//! then the corners, then the arithmetic. Reads that wait for nothing but memory stand side by side so, and their misses
+//! overlap. A last block that is not full is filled up with whatever was there before. Results are those of [`SignedDistanceField::distance_gradient`] bit for
 //! bit; points outside the grid are handed to it.
 
 use multiversion::multiversion;
@@ -8,7 +10,7 @@ use nalgebra::Vector3;
 
 use crate::lanes::{F8, LANES};
 use crate::sdf::SignedDistanceField;
-use crate::sdf::bricks::{BRICK, COARSE, CORNERS, Layout, ROW, SLAB, SPAN};
+use crate::sdf::bricks::{BRICK, COARSE, Layout, first_corner};
 
 /// Places and what is found there, one entry for each point in every array; cm.
 #[derive(Debug)]
@@ -28,6 +30,8 @@ struct Grid<'a> {
     last: [f32; 3],
     last_cell: [u32; 3],
     layout: &'a Layout,
+    /// Centimetres, and slope, that one stands for in fine and in coarse cells.
+    scales: [[f32; 2]; 2],
 }
 
 impl SignedDistanceField {
@@ -46,6 +50,7 @@ impl SignedDistanceField {
             last: bounds.map(|n| (n - 1) as f32),
             last_cell: bounds.map(|n| n as u32 - 2),
             layout: self.layout(),
+            scales: [self.scales(false), self.scales(true)],
         };
         sample_inside(grid, points, out, &mut |n, out| {
             let p = Vector3::new(points[0][n], points[1][n], points[2][n]);
@@ -56,18 +61,6 @@ impl SignedDistanceField {
             }
         });
     }
-}
-
-/// Coordinates along an axis in the grid, and whether they are in it.
-#[inline(always)]
-fn to_grid(points: &[f32], origin: f32, inv_cell: f32, last: f32) -> ([f32; LANES], bool) {
-    let mut g = [0.0; LANES];
-    let mut inside = true;
-    for l in 0..LANES {
-        g[l] = (points[l] - origin) * inv_cell;
-        inside &= (g[l] >= 0.0) & (g[l] <= last);
-    }
-    (g, inside)
 }
 
 /// Where single precision counts in ones; larger grids are sampled point by point.
@@ -87,82 +80,141 @@ fn small(n: u32) -> f32 {
     f32::from_bits(n | ONES.to_bits()) - ONES
 }
 
+/// Points whose corners are fetched before any is used: enough for the misses of many to overlap, few enough that
+/// what is kept of them stays in the nearest cache.
+const BLOCK: usize = 64;
+
+/// What one pass leaves for the next, an entry for each point of a block.
+struct Passes {
+    /// Coordinates in the grid, then fractions across the cell.
+    t: [[f32; BLOCK]; 3],
+    /// First node of the point's cell along each axis.
+    cell: [[u32; BLOCK]; 3],
+    /// Brick, then where the cell's corners begin.
+    place: [u32; BLOCK],
+    /// First corner within a fine brick.
+    within: [u32; BLOCK],
+    quantum: [f32; BLOCK],
+    slope: [f32; BLOCK],
+    /// The four edges along x of the cell, two values each.
+    edges: [[[i16; 2]; BLOCK]; 4],
+    /// Zero for points in the grid.
+    outside: [u32; BLOCK],
+}
+
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
 fn sample_inside(grid: Grid, points: [&[f32]; 3], out: &mut Samples, singly: &mut dyn FnMut(usize, &mut Samples)) {
     let n = points[0].len();
-    let Grid { origin, inv_cell, last, last_cell, layout } = grid;
+    let Grid { origin, inv_cell, last, last_cell, layout, scales } = grid;
     let [count_x, count_y, _] = layout.count.map(|n| n as u32);
     let countable = last.iter().all(|&n| n < 0.5 * ONES);
+    let mut passes = Passes {
+        t: [[0.0; BLOCK]; 3],
+        cell: [[0; BLOCK]; 3],
+        place: [0; BLOCK],
+        within: [0; BLOCK],
+        quantum: [0.0; BLOCK],
+        slope: [0.0; BLOCK],
+        edges: [[[0; 2]; BLOCK]; 4],
+        outside: [0; BLOCK],
+    };
+    let Passes { t, cell, place, within, quantum, slope, edges, outside } = &mut passes;
     let mut begin = 0;
-    while begin + LANES <= n {
-        let lanes = begin..begin + LANES;
-        let (gx, in_x) = to_grid(&points[0][lanes.clone()], origin[0], inv_cell, last[0]);
-        let (gy, in_y) = to_grid(&points[1][lanes.clone()], origin[1], inv_cell, last[1]);
-        let (gz, in_z) = to_grid(&points[2][lanes.clone()], origin[2], inv_cell, last[2]);
-        if !(in_x & in_y & in_z & countable) {
-            for l in lanes {
-                singly(l, out);
+    while begin < n && countable {
+        let size = BLOCK.min(n - begin);
+        *outside = [0; BLOCK];
+        for k in 0..3 {
+            t[k][..size].copy_from_slice(&points[k][begin..begin + size]);
+            for l in 0..BLOCK {
+                let g = (t[k][l] - origin[k]) * inv_cell;
+                // Points outside are sampled where they are nearest, and again later.
+                let held = if g >= 0.0 { g } else { 0.0 };
+                let held = if held <= last[k] { held } else { last[k] };
+                outside[l] |= u32::from(held != g);
+                let c = floor(held);
+                t[k][l] = held;
+                cell[k][l] = if c < last_cell[k] { c } else { last_cell[k] };
             }
-            begin += LANES;
-            continue;
         }
-        let mut cell = [[0u32; LANES]; 3];
-        let mut brick = [0u32; LANES];
-        let mut within = [0u32; LANES];
-        for l in 0..LANES {
-            let i = floor(gx[l]).min(last_cell[0]);
-            let j = floor(gy[l]).min(last_cell[1]);
-            let k = floor(gz[l]).min(last_cell[2]);
-            const B: u32 = BRICK as u32;
-            brick[l] = ((k / B) * count_y + j / B) * count_x + i / B;
-            within[l] = i % B + ROW as u32 * (j % B) + SLAB as u32 * (k % B);
-            cell[0][l] = i;
-            cell[1][l] = j;
-            cell[2][l] = k;
+        const B: u32 = BRICK as u32;
+        for l in 0..BLOCK {
+            let [i, j, k] = [cell[0][l], cell[1][l], cell[2][l]];
+            place[l] = ((k / B) * count_y + j / B) * count_x + i / B;
+            within[l] = first_corner(i, j, k);
         }
-        let mut entry = [0u32; LANES];
-        for l in 0..LANES {
-            entry[l] = layout.table[brick[l] as usize];
+        for l in 0..BLOCK {
+            place[l] = layout.table[place[l] as usize];
         }
-        let mut first = [0u32; LANES];
-        let mut per_edge = [0.0f32; LANES];
-        let mut t = [[0.0f32; LANES]; 3];
-        for l in 0..LANES {
-            let coarse = entry[l] & COARSE != 0;
-            first[l] = (entry[l] & !COARSE) + if coarse { 0 } else { within[l] };
+        for l in 0..BLOCK {
+            let coarse = place[l] & COARSE != 0;
+            place[l] = (place[l] & !COARSE) + if coarse { 0 } else { within[l] };
             let whole = if coarse { BRICK as u32 - 1 } else { 0 };
-            per_edge[l] = if coarse { 1.0 / BRICK as f32 } else { 1.0 };
-            t[0][l] = (gx[l] - small(cell[0][l] & !whole)) * per_edge[l];
-            t[1][l] = (gy[l] - small(cell[1][l] & !whole)) * per_edge[l];
-            t[2][l] = (gz[l] - small(cell[2][l] & !whole)) * per_edge[l];
+            let share = if coarse { 1.0 / BRICK as f32 } else { 1.0 };
+            quantum[l] = if coarse { scales[1][0] } else { scales[0][0] };
+            slope[l] = if coarse { scales[1][1] } else { scales[0][1] };
+            t[0][l] = (t[0][l] - small(cell[0][l] & !whole)) * share;
+            t[1][l] = (t[1][l] - small(cell[1][l] & !whole)) * share;
+            t[2][l] = (t[2][l] - small(cell[2][l] & !whole)) * share;
         }
-        let mut a = [[0.0f32; LANES]; 4];
-        let mut b = [[0.0f32; LANES]; 4];
-        for l in 0..LANES {
-            let v = &layout.values[first[l] as usize..first[l] as usize + SPAN];
+        for l in 0..BLOCK {
+            let corners = layout.corners(place[l] as usize);
             for e in 0..4 {
-                a[e][l] = v[CORNERS[e]];
-                b[e][l] = v[CORNERS[e] + 1];
+                edges[e][l] = corners[e];
             }
         }
-        // As for a single point, lane by lane.
-        let (tx, ty, tz) = (F8(t[0]), F8(t[1]), F8(t[2]));
-        let (a0, a1, a2, a3) = (F8(a[0]), F8(a[1]), F8(a[2]), F8(a[3]));
-        let (dx0, dx1, dx2, dx3) = (F8(b[0]) - a0, F8(b[1]) - a1, F8(b[2]) - a2, F8(b[3]) - a3);
-        let (x0, x1, x2, x3) = (a0 + tx * dx0, a1 + tx * dx1, a2 + tx * dx2, a3 + tx * dx3);
-        let (dy0, dy1) = (x1 - x0, x3 - x2);
-        let (y0, y1) = (x0 + ty * dy0, x2 + ty * dy1);
-        let (ex0, ex1) = (dx0 + ty * (dx1 - dx0), dx2 + ty * (dx3 - dx2));
-        let per_cm = F8::splat(inv_cell) * F8(per_edge);
-        let distance = y0 + tz * (y1 - y0);
-        let gradient_x = (ex0 + tz * (ex1 - ex0)) * per_cm;
-        let gradient_y = (dy0 + tz * (dy1 - dy0)) * per_cm;
-        let gradient_z = (y1 - y0) * per_cm;
-        out.distance[lanes.clone()].copy_from_slice(&distance.0);
-        out.gradient[0][lanes.clone()].copy_from_slice(&gradient_x.0);
-        out.gradient[1][lanes.clone()].copy_from_slice(&gradient_y.0);
-        out.gradient[2][lanes].copy_from_slice(&gradient_z.0);
-        begin += LANES;
+        for first in (0..BLOCK).step_by(LANES) {
+            let lanes = first..first + LANES;
+            let read = |from: &[f32; BLOCK]| {
+                let mut v = F8::ZERO;
+                v.0.copy_from_slice(&from[lanes.clone()]);
+                v
+            };
+            let mut a = [F8::ZERO; 4];
+            let mut b = [F8::ZERO; 4];
+            for e in 0..4 {
+                let pairs = &edges[e][lanes.clone()];
+                for l in 0..LANES {
+                    a[e].0[l] = f32::from(pairs[l][0]);
+                    b[e].0[l] = f32::from(pairs[l][1]);
+                }
+            }
+            // As for a single point, lane by lane.
+            let (tx, ty, tz) = (read(&t[0]), read(&t[1]), read(&t[2]));
+            let [a0, a1, a2, a3] = a;
+            let (dx0, dx1, dx2, dx3) = (b[0] - a0, b[1] - a1, b[2] - a2, b[3] - a3);
+            let (x0, x1, x2, x3) = (a0 + tx * dx0, a1 + tx * dx1, a2 + tx * dx2, a3 + tx * dx3);
+            let (dy0, dy1) = (x1 - x0, x3 - x2);
+            let (y0, y1) = (x0 + ty * dy0, x2 + ty * dy1);
+            let (ex0, ex1) = (dx0 + ty * (dx1 - dx0), dx2 + ty * (dx3 - dx2));
+            let slope = read(slope);
+            let distance = (y0 + tz * (y1 - y0)) * read(quantum);
+            let gradient_x = (ex0 + tz * (ex1 - ex0)) * slope;
+            let gradient_y = (dy0 + tz * (dy1 - dy0)) * slope;
+            let gradient_z = (y1 - y0) * slope;
+            // Straight to where it belongs: gathered in a block first, wide copies would wait for the narrower stores.
+            let n_here = LANES.min(size - first);
+            let to = begin + first..begin + first + n_here;
+            if n_here == LANES {
+                out.distance[to.clone()].copy_from_slice(&distance.0);
+                out.gradient[0][to.clone()].copy_from_slice(&gradient_x.0);
+                out.gradient[1][to.clone()].copy_from_slice(&gradient_y.0);
+                out.gradient[2][to].copy_from_slice(&gradient_z.0);
+            } else {
+                out.distance[to.clone()].copy_from_slice(&distance.0[..n_here]);
+                out.gradient[0][to.clone()].copy_from_slice(&gradient_x.0[..n_here]);
+                out.gradient[1][to.clone()].copy_from_slice(&gradient_y.0[..n_here]);
+                out.gradient[2][to].copy_from_slice(&gradient_z.0[..n_here]);
+            }
+            if first + LANES >= size {
+                break;
+            }
+        }
+        if outside.iter().fold(0, |a, b| a | b) != 0 {
+            for l in (0..size).filter(|&l| outside[l] != 0) {
+                singly(begin + l, out);
+            }
+        }
+        begin += size;
     }
     for l in begin..n {
         singly(l, out);

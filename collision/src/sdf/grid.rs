@@ -1,7 +1,7 @@
 //! A signed distance field on a grid that is fine near the surface, sampled by trilinear interpolation (AS16 §5.1).
 //!
-//! Sampling is the hot path of the whole program: one look at the table of bricks, eight reads at fixed places from
-//! there, no branch but the one that asks whether the point is in the grid. Outside the grid the answer stays a lower bound of the distance: with `q`
+//! Sampling is the hot path of the whole program: one look at the table of bricks, eight reads at fixed places of one
+//! cache line, no branch but the one that asks whether the point is in the grid. Outside the grid the answer stays a lower bound of the distance: with `q`
 //! the nearest point of the box, every point `c` of the solid has an obtuse angle at `q`, so
 //! `|p - c|^2 >= |p - q|^2 + |q - c|^2`. That bound joins the interpolant continuously at the faces.
 
@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use nalgebra::Vector3;
 
 use crate::error::Error;
-use crate::sdf::bricks::{BRICK, COARSE, CORNERS, Layout, ROW, SLAB, SPAN};
+use crate::sdf::bricks::{BRICK, COARSE, Layout, first_corner};
 
 /// An axis-aligned box, cm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -107,11 +107,13 @@ pub(crate) struct Trust {
     pub far_error: f32,
 }
 
-/// The cell that a point lies in: where its corners begin, the fractions across it, and one over its edge in fine cells.
+/// The cell that a point lies in: where its corners begin, the fractions across it, and what its values stand for.
 pub(super) struct Place {
     pub first: usize,
     pub t: Vector3<f32>,
-    pub per_edge: f32,
+    /// Centimetres, and slope, that a difference of one along an edge stands for.
+    pub quantum: f32,
+    pub slope: f32,
 }
 
 impl SignedDistanceField {
@@ -306,33 +308,41 @@ impl SignedDistanceField {
         let base = (entry & !COARSE) as usize;
         // Both ways in the same steps, so that no jump is mispredicted along a path through near and far.
         let coarse = entry & COARSE != 0;
-        let within = i % BRICK + ROW * (j % BRICK) + SLAB * (k % BRICK);
+        let within = first_corner(i as u32, j as u32, k as u32) as usize;
         let first = base + if coarse { 0 } else { within };
         let whole = if coarse { BRICK - 1 } else { 0 };
         let per_edge = if coarse { 1.0 / BRICK as f32 } else { 1.0 };
         let start = Vector3::new((i & !whole) as f32, (j & !whole) as f32, (k & !whole) as f32);
-        Place { first, t: (g - start) * per_edge, per_edge }
+        let [quantum, slope] = self.scales(coarse);
+        Place { first, t: (g - start) * per_edge, quantum, slope }
     }
 
-    /// The eight corner values of a cell: pairs along x, at (y, z) = (0,0), (1,0), (0,1), (1,1).
+    /// Centimetres, and slope, that one stands for in the values of a fine or a coarse cell.
+    #[inline(always)]
+    pub(super) fn scales(&self, coarse: bool) -> [f32; 2] {
+        let (quantum, edges) =
+            if coarse { (self.layout.coarse_quantum, 1.0 / BRICK as f32) } else { (self.layout.quantum, 1.0) };
+        [quantum, quantum * (self.inv_cell * edges)]
+    }
+
+    /// The eight corner values of a cell in quanta: pairs along x, at (y, z) = (0,0), (1,0), (0,1), (1,1).
     #[inline(always)]
     fn corners(&self, first: usize) -> [[f32; 2]; 4] {
-        let v = &self.layout.values[first..first + SPAN];
-        CORNERS.map(|c| [v[c], v[c + 1]])
+        self.layout.corners(first).map(|pair| pair.map(f32::from))
     }
 
     #[inline(always)]
     pub(super) fn interpolate(&self, g: &Vector3<f32>) -> f32 {
-        let Place { first, t, .. } = self.place(g);
+        let Place { first, t, quantum, .. } = self.place(g);
         let x = self.corners(first).map(|[a, b]| a + t.x * (b - a));
         let y0 = x[0] + t.y * (x[1] - x[0]);
         let y1 = x[2] + t.y * (x[3] - x[2]);
-        y0 + t.z * (y1 - y0)
+        (y0 + t.z * (y1 - y0)) * quantum
     }
 
     #[inline(always)]
     fn interpolate_gradient(&self, g: &Vector3<f32>) -> (f32, Vector3<f32>) {
-        let Place { first, t, per_edge } = self.place(g);
+        let Place { first, t, quantum, slope } = self.place(g);
         let c = self.corners(first);
         let dx = c.map(|[a, b]| b - a);
         let x = [0, 1, 2, 3].map(|n: usize| c[n][0] + t.x * dx[n]);
@@ -342,7 +352,37 @@ impl SignedDistanceField {
         let dx0 = dx[0] + t.y * (dx[1] - dx[0]);
         let dx1 = dx[2] + t.y * (dx[3] - dx[2]);
         let gradient = Vector3::new(dx0 + t.z * (dx1 - dx0), dy0 + t.z * (dy1 - dy0), y1 - y0);
-        (y0 + t.z * (y1 - y0), gradient * (self.inv_cell * per_edge))
+        ((y0 + t.z * (y1 - y0)) * quantum, gradient * slope)
+    }
+
+    /// Signed distance at `p` and, squared (cm²), a bound that the distance to the solid is never below where the cell's
+    /// nodes are exact; the bound is negative where it proves nothing, and not asked for beyond `far` (cm).
+    ///
+    /// The squared distance to any set less the square of the place is the least of functions linear in the place, hence
+    /// concave: at a mean of nodes it is at least the mean of its values there. So is a lower bound what values rounded down
+    /// make of it.
+    #[inline]
+    pub(crate) fn distance_and_bound2(&self, p: Vector3<f32>, far: f32) -> (f32, f32) {
+        let g = (p - self.origin) * self.inv_cell;
+        if !self.holds(&g) {
+            return (self.distance_outside(&g), -1.0);
+        }
+        let Place { first, t, quantum, slope: _ } = self.place(&g);
+        let c = self.corners(first);
+        let mean = |of: [[f32; 2]; 4]| {
+            let x = of.map(|[a, b]| a + t.x * (b - a));
+            let y0 = x[0] + t.y * (x[1] - x[0]);
+            let y1 = x[2] + t.y * (x[3] - x[2]);
+            y0 + t.z * (y1 - y0)
+        };
+        let d = mean(c) * quantum;
+        if quantum != self.layout.quantum || d > far {
+            return (d, -1.0);
+        }
+        let square = mean(c.map(|pair| pair.map(|v| if v > 0.0 { v * v } else { 0.0 }))) * (quantum * quantum);
+        // The mean of the nodes' squared distances from `p`.
+        let spread = t.x * (1.0 - t.x) + t.y * (1.0 - t.y) + t.z * (1.0 - t.z);
+        (d, square - spread * (self.cell * self.cell))
     }
 
     /// The nearest point of the grid's box, in grid coordinates.

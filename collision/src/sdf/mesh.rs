@@ -89,6 +89,15 @@ impl ClosedMesh {
         self.tree.winding(p).abs() > 0.5
     }
 
+    /// Area of all triangles, cm².
+    pub fn area(&self) -> f32 {
+        let twice = self.triangles.iter().map(|t| {
+            let [a, b, c] = t.map(|v| self.points[v as usize]);
+            (b - a).cross(&(c - a)).norm()
+        });
+        0.5 * twice.sum::<f32>()
+    }
+
     /// The mesh's own triangles for rays and for places on them.
     pub fn indexed(&self) -> Result<TriMesh, Error> {
         let own = self.triangles[..self.n_own].to_vec();

@@ -12,10 +12,13 @@ use rayon::prelude::*;
 use crate::error::Error;
 use crate::sdf::BakeParams;
 use crate::sdf::bake::{Lattice, SAFETY, overstatement, round_off};
-use crate::sdf::bricks::{BRICK, COARSE, Layout, NODES, ROW, VALUES, node};
+use crate::sdf::bricks::{
+    BRICK, COARSE, COARSE_QUANTA, EDGE, LINE, Layout, Line, NODES, VALUES, fine_quantum, first_corner, in_quanta,
+    lines, node, quantum,
+};
 use crate::sdf::grid::{Bounds, SignedDistanceField, Trust};
 use crate::sdf::mesh::ClosedMesh;
-use crate::sdf::tree::{Hint, TriangleTree};
+use crate::sdf::tree::{Hint, Nearby, TriangleTree};
 use crate::thickness::smallest_half_thickness;
 
 /// Cells across the smallest half-thickness.
@@ -26,6 +29,15 @@ const MAX_BRICKS: usize = (1 << 31) / VALUES - 1;
 const BLOCK: usize = 16;
 const BLOCK_BRICKS: usize = BLOCK / BRICK;
 const BLOCK_NODES: usize = BLOCK + 1;
+/// Bytes of a brick.
+const BRICK_BYTES: usize = VALUES * size_of::<i16>();
+
+/// How far from the surface the middle of a brick may be for the brick to be fine, in cells: half the diagonal of a brick, and
+/// the diagonal of a cell, so that every cell within the band has exact corners.
+fn reach_cells(params: &BakeParams) -> f32 {
+    params.band_cells + 3f32.sqrt() * (0.5 * BRICK as f32 + 1.0)
+}
+
 /// Bakes a mesh already closed.
 pub(crate) fn bake_closed(closed: &ClosedMesh, params: BakeParams) -> Result<SignedDistanceField, Error> {
     for (name, value) in [("margin", params.margin), ("band_cells", params.band_cells)] {
@@ -41,15 +53,21 @@ pub(crate) fn bake_closed(closed: &ClosedMesh, params: BakeParams) -> Result<Sig
         .into_par_iter()
         .map_init(Buffers::default, |buffers, n| Block::new(&coarse, n).bake(closed, buffers))
         .collect();
-    let mut layout = Layout { count: coarse.count, table: vec![0; coarse.near.len()], values: Vec::new() };
-    layout.values.reserve_exact(blocks.iter().map(|b| b.values.len()).sum());
+    let mut layout = Layout {
+        count: coarse.count,
+        table: vec![0; coarse.near.len()],
+        lines: Vec::new(),
+        quantum: coarse.quantum,
+        coarse_quantum: coarse.coarse_quantum,
+    };
+    layout.lines.reserve_exact(blocks.iter().map(|b| b.lines.len()).sum());
     let (mut near_error, mut far_error) = (0.0f32, 0.0f32);
     for block in &blocks {
-        let base = layout.values.len() as u32;
+        let base = (layout.lines.len() * LINE) as u32;
         for &(brick, entry) in &block.entries {
             layout.table[brick] = entry + base;
         }
-        layout.values.extend_from_slice(&block.values);
+        layout.lines.extend_from_slice(&block.lines);
         near_error = near_error.max(block.near_error);
         far_error = far_error.max(block.far_error);
     }
@@ -68,11 +86,20 @@ pub(crate) fn bake_closed(closed: &ClosedMesh, params: BakeParams) -> Result<Sig
 fn plan(closed: &ClosedMesh, params: &BakeParams) -> Result<Coarse, Error> {
     /// Bytes go as a power between two and three of the cell, so a few retries find one that fits.
     const RETRIES: usize = 100;
+    const DOWN: f32 = 0.8;
     let rim = |cell: f32| closed.bounds.grown(params.margin.min(closed.bounds.size().norm()).max(2.0 * cell));
     if let Some(cell) = params.cell {
         return Coarse::new(closed, rim(cell), cell, params);
     }
-    let mut cell = smallest_half_thickness(&closed.indexed()?) / CELLS_PER_HALF_THICKNESS;
+    let wanted = smallest_half_thickness(&closed.indexed()?) / CELLS_PER_HALF_THICKNESS;
+    // Where the near bricks are at least a layer as thick as their reach on one side of the surface. It fails to be that many
+    // where layers overlap between thin parts: then the way goes down again first.
+    let least_bytes = closed.area() * reach_cells(params) / (BRICK * BRICK * BRICK) as f32 * BRICK_BYTES as f32;
+    let least_cell = (least_bytes / params.max_bytes.max(1) as f32).sqrt();
+    let mut cell = if least_cell.is_finite() { wanted.max(least_cell) } else { wanted };
+    while cell > wanted && Coarse::new(closed, rim(cell), cell, params).is_ok() {
+        cell = wanted.max(cell * DOWN);
+    }
     let mut retries = 0;
     loop {
         match Coarse::new(closed, rim(cell), cell, params) {
@@ -94,13 +121,17 @@ struct Coarse {
     count: [usize; 3],
     /// Corners of bricks.
     corners: Lattice,
-    /// Distances at the corners, cm; without sign until [`Self::take_signs`].
+    /// Distances at the corners, without sign in cm, and then, by [`Self::take_signs`], with it in quanta of fine bricks, a
+    /// whole number of those of coarse ones.
     at_corners: Vec<f32>,
     /// Distances at the middles of bricks, without sign, cm.
     at_middles: Vec<f32>,
     near: Vec<bool>,
     /// Within this distance the grid is fine, cm.
     band: f32,
+    /// Quanta of fine and of coarse bricks, cm.
+    quantum: f32,
+    coarse_quantum: f32,
 }
 
 impl Coarse {
@@ -117,7 +148,7 @@ impl Coarse {
         let too_large = |n_near: usize| {
             let n_blocks: usize = count.iter().map(|n| n.div_ceil(BLOCK_BRICKS)).product();
             let n_stored = if n_near == n_bricks { n_near } else { n_near + n_blocks };
-            let bytes = n_stored * VALUES * size_of::<f32>() + n_bricks * size_of::<u32>();
+            let bytes = n_stored * BRICK_BYTES + n_bricks * size_of::<u32>();
             let nodes = count.map(|n| n * BRICK + 1);
             let full = bytes > params.max_bytes || n_stored > MAX_BRICKS;
             if full { Err(Error::TooLarge { nodes, bytes, max_bytes: params.max_bytes }) } else { Ok(()) }
@@ -127,13 +158,42 @@ impl Coarse {
         let edge = BRICK as f32 * cell;
         let corners = Lattice { origin: bounds.min, cell: edge, nodes: count.map(|n| n + 1) };
         let middles = Lattice { origin: bounds.min + Vector3::repeat(0.5 * edge), cell: edge, nodes: count };
-        let at_middles = distances(&closed.tree, &middles);
-        // Half the diagonal of a brick, and the diagonal of a cell: every cell within the band has exact corners.
-        let reach = (params.band_cells + 3f32.sqrt() * (0.5 * BRICK as f32 + 1.0)) * cell;
+        let reach = reach_cells(params) * cell;
+        // Of most grids only the blocks about the surface have near bricks: the others need not be asked for their number.
+        let blocks = count.map(|n| n.div_ceil(BLOCK_BRICKS));
+        let block_edge = BLOCK as f32 * cell;
+        let block_middles =
+            Lattice { origin: bounds.min + Vector3::repeat(0.5 * block_edge), cell: block_edge, nodes: blocks };
+        // From the middle of a block to those of its bricks, and what is rounded on the way.
+        let in_block = 0.5 * 3f32.sqrt() * (block_edge - edge) * 1.001;
+        let may_be_near: Vec<bool> =
+            distances(&closed.tree, &block_middles).iter().map(|&d| d <= reach + in_block).collect();
+        let is_wanted = |at: [usize; 3]| may_be_near[block_middles.index(at.map(|n| n / BLOCK_BRICKS))];
+        let mut at_middles = vec![f32::INFINITY; n_bricks];
+        add_distances(&closed.tree, &middles, is_wanted, &mut at_middles);
         let near: Vec<bool> = at_middles.iter().map(|&d| d <= reach).collect();
         too_large(near.iter().filter(|&&near| near).count())?;
+        add_distances(&closed.tree, &middles, |at| !is_wanted(at), &mut at_middles);
         let at_corners = distances(&closed.tree, &corners);
-        Ok(Self { cell, count, corners, at_corners, at_middles, near, band: params.band_cells * cell })
+        // No node of a brick is farther from its middle than this; what it takes from a coarse one is a mean of its corners.
+        let half_diagonal = 0.5 * 3f32.sqrt() * edge;
+        let largest = |distances: &[f32], of: &dyn Fn(usize) -> bool| {
+            (0..distances.len()).filter(|&n| of(n)).map(|n| distances[n]).fold(0.0, f32::max)
+        };
+        let quantum_near = fine_quantum(cell, (largest(&at_middles, &|n| near[n]) + half_diagonal) * 1.001);
+        let coarse_quantum = quantum(quantum_near * COARSE_QUANTA, largest(&at_corners, &|_| true) * 1.001);
+        let quantum = quantum_near;
+        Ok(Self {
+            cell,
+            count,
+            corners,
+            at_corners,
+            at_middles,
+            near,
+            band: params.band_cells * cell,
+            quantum,
+            coarse_quantum,
+        })
     }
 
     fn bounds(&self) -> Bounds {
@@ -162,14 +222,14 @@ impl Coarse {
         flood.run(lattice.nodes, self.surely_covered(lattice.cell), &self.at_corners, |n| {
             closed.is_inside(lattice.position(lattice.node(n)))
         });
+        let in_one = self.coarse_quantum / self.quantum;
         for (d, side) in self.at_corners.iter_mut().zip(&flood.sides) {
-            if *side == Side::Inside {
-                *d = -*d;
-            }
+            let signed = if *side == Side::Inside { -*d } else { *d };
+            *d = f32::from(in_quanta(signed, self.coarse_quantum)) * in_one;
         }
     }
 
-    /// Trilinear value of a far brick at `t`, fractions across it, as it will be sampled.
+    /// Trilinear value of a far brick at `t`, fractions across it, as it will be sampled; in quanta of fine bricks.
     fn value_in(&self, brick: [usize; 3], t: [f32; 3]) -> f32 {
         let at = |x: usize, y: usize, z: usize| {
             self.at_corners[self.corners.index([brick[0] + x, brick[1] + y, brick[2] + z])]
@@ -183,17 +243,35 @@ impl Coarse {
 
 /// Distances without sign at all nodes of a lattice.
 fn distances(tree: &TriangleTree, lattice: &Lattice) -> Vec<f32> {
-    let [nx, ny, nz] = lattice.nodes;
-    let mut out = vec![0.0; nx * ny * nz];
+    let mut out = vec![0.0; lattice.n_nodes()];
+    add_distances(tree, lattice, |_| true, &mut out);
+    out
+}
+
+/// Distances without sign at those nodes of a lattice that are wanted; others stay.
+fn add_distances(
+    tree: &TriangleTree,
+    lattice: &Lattice,
+    is_wanted: impl Fn([usize; 3]) -> bool + Sync,
+    out: &mut [f32],
+) {
+    let [nx, ny, _] = lattice.nodes;
     out.par_chunks_mut(nx * ny).enumerate().for_each_init(Vec::new, |points, (k, slab)| {
         let mut hint: Hint = 0;
         for (j, row) in slab.chunks_mut(nx).enumerate() {
-            points.clear();
-            points.extend((0..nx).map(|i| lattice.position([i, j, k])));
-            tree.distances(points, &mut hint, row);
+            let mut begin = 0;
+            while begin < nx {
+                let wanted = is_wanted([begin, j, k]);
+                let n = (begin..nx).take_while(|&i| is_wanted([i, j, k]) == wanted).count();
+                if wanted {
+                    points.clear();
+                    points.extend((begin..begin + n).map(|i| lattice.position([i, j, k])));
+                    tree.distances(points, &mut hint, &mut row[begin..begin + n]);
+                }
+                begin += n;
+            }
         }
     });
-    out
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -250,7 +328,7 @@ impl Flood {
 struct BakedBlock {
     /// Bricks of the grid and where their values begin, counted from the block's own.
     entries: Vec<(usize, u32)>,
-    values: Vec<f32>,
+    lines: Vec<Line>,
     near_error: f32,
     far_error: f32,
 }
@@ -261,6 +339,8 @@ struct Buffers {
     /// Distances at the block's nodes, cm.
     distance: Vec<f32>,
     flood: Flood,
+    /// For each brick of the block, the triangles near it, and whether they are few.
+    nearby: Vec<(Nearby, bool)>,
 }
 
 /// 4³ bricks of the grid, less at its far faces.
@@ -306,21 +386,25 @@ impl<'a> Block<'a> {
     }
 
     fn bake(&self, closed: &ClosedMesh, buffers: &mut Buffers) -> BakedBlock {
-        let mut out = BakedBlock { entries: Vec::new(), values: Vec::new(), near_error: 0.0, far_error: 0.0 };
+        let mut out = BakedBlock { entries: Vec::new(), lines: Vec::new(), near_error: 0.0, far_error: 0.0 };
         if self.bricks().any(|b| self.is_near(b)) {
             self.fine_distances(closed, buffers);
         }
-        for brick in self.bricks().filter(|&b| self.is_near(b)) {
-            let base = out.values.len();
-            out.entries.push((self.coarse.brick(self.in_grid(brick)), base as u32));
-            out.values.resize(base + VALUES, 0.0);
-            let values = &mut out.values[base..];
-            for n in 0..NODES {
-                let at = [n % ROW, n / ROW % ROW, n / (ROW * ROW)];
+        for (n, brick) in self.bricks().enumerate().filter(|&(_, b)| self.is_near(b)) {
+            out.entries.push((self.coarse.brick(self.in_grid(brick)), (out.lines.len() * LINE) as u32));
+            let mut values = [0i16; NODES];
+            for (n, value) in values.iter_mut().enumerate() {
+                let at = [n % EDGE, n / EDGE % EDGE, n / (EDGE * EDGE)];
                 let at = [0, 1, 2].map(|k: usize| brick[k] * BRICK + at[k]);
-                values[n] = self.constrained(at).unwrap_or(buffers.distance[self.lattice.index(at)]);
+                *value = match self.constrained(at) {
+                    // Whole, as bricks say.
+                    Some(in_quanta) => in_quanta as i16,
+                    None => in_quanta(buffers.distance[self.lattice.index(at)], self.coarse.quantum),
+                };
             }
-            self.measure(closed, brick, &out.values[base..], &mut out.near_error, &mut out.far_error);
+            let near = buffers.nearby[n].1.then_some(&buffers.nearby[n].0);
+            self.measure(closed, near, brick, &values, &mut out);
+            out.lines.extend_from_slice(&lines(&values));
         }
         if !self.bricks().all(|b| self.is_near(b)) {
             self.add_coarse(&mut out);
@@ -330,35 +414,36 @@ impl<'a> Block<'a> {
 
     /// Signed distances at all nodes of near bricks.
     fn fine_distances(&self, closed: &ClosedMesh, buffers: &mut Buffers) {
-        let Buffers { distance, flood } = buffers;
+        let Buffers { distance, flood, nearby } = buffers;
         let n_nodes = self.lattice.n_nodes();
         let mut points = [Vector3::zeros(); BLOCK_NODES];
         distance.clear();
-        distance.resize(n_nodes, 0.0);
+        distance.resize(n_nodes, f32::INFINITY);
         flood.sides.clear();
         flood.sides.resize(n_nodes, Side::Ignored);
         for brick in self.bricks().filter(|&b| self.is_near(b)) {
-            for z in 0..ROW {
-                for y in 0..ROW {
+            for z in 0..EDGE {
+                for y in 0..EDGE {
                     let at = [brick[0] * BRICK, brick[1] * BRICK + y, brick[2] * BRICK + z];
-                    flood.sides[self.lattice.index(at)..][..ROW].fill(Side::Unknown);
+                    flood.sides[self.lattice.index(at)..][..EDGE].fill(Side::Unknown);
                 }
             }
         }
+        self.distances_by_brick(closed, &flood.sides, nearby, distance);
         let mut hint: Hint = 0;
         for row in 0..BLOCK_NODES * BLOCK_NODES {
             let (j, k) = (row % BLOCK_NODES, row / BLOCK_NODES);
             let base = self.lattice.index([0, j, k]);
             let sides = &flood.sides[base..][..BLOCK_NODES];
+            let asked = |i: usize, distance: &[f32]| sides[i] != Side::Ignored && distance[base + i] == f32::INFINITY;
             let mut begin = 0;
-            while let Some(skipped) = sides[begin..].iter().position(|s| *s != Side::Ignored) {
-                begin += skipped;
-                let n = sides[begin..].iter().take_while(|s| **s != Side::Ignored).count();
-                for (i, p) in points[..n].iter_mut().enumerate() {
-                    *p = self.position([begin + i, j, k]);
+            while let Some(i) = (begin..BLOCK_NODES).find(|&i| asked(i, distance)) {
+                let n = (i..BLOCK_NODES).take_while(|&i| asked(i, distance)).count();
+                for (l, p) in points[..n].iter_mut().enumerate() {
+                    *p = self.position([i + l, j, k]);
                 }
-                closed.tree.distances(&points[..n], &mut hint, &mut distance[base + begin..][..n]);
-                begin += n;
+                closed.tree.distances(&points[..n], &mut hint, &mut distance[base + i..][..n]);
+                begin = i + n;
             }
         }
         // Corners of bricks have their signs already.
@@ -382,6 +467,49 @@ impl<'a> Block<'a> {
                 *d = -*d;
             }
         }
+    }
+
+    /// Distances without sign at the nodes of near bricks that have few triangles near them.
+    fn distances_by_brick(
+        &self,
+        closed: &ClosedMesh,
+        sides: &[Side],
+        nearby: &mut Vec<(Nearby, bool)>,
+        distance: &mut [f32],
+    ) {
+        nearby.resize_with(BLOCK_BRICKS * BLOCK_BRICKS * BLOCK_BRICKS, Default::default);
+        let (mut at, mut points) = ([0; NODES], [Vector3::zeros(); NODES]);
+        let mut found = [0.0; NODES];
+        for (brick, (near, are_few)) in self.bricks().zip(nearby.iter_mut()) {
+            *are_few = self.is_near(brick) && self.gather(closed, brick, near);
+            if !*are_few {
+                continue;
+            }
+            let mut n = 0;
+            for node in 0..NODES {
+                let in_block = [node % EDGE, node / EDGE % EDGE, node / (EDGE * EDGE)];
+                let in_block = [0, 1, 2].map(|k: usize| brick[k] * BRICK + in_block[k]);
+                let index = self.lattice.index(in_block);
+                // What bricks share is asked once.
+                if sides[index] != Side::Ignored && distance[index] == f32::INFINITY {
+                    (at[n], points[n]) = (index, self.position(in_block));
+                    n += 1;
+                }
+            }
+            closed.tree.distances_among(near, &points[..n], &mut found[..n]);
+            for (&index, &d) in at[..n].iter().zip(&found[..n]) {
+                distance[index] = d;
+            }
+        }
+    }
+
+    /// Finds the triangles that points of a brick may have nearest.
+    fn gather(&self, closed: &ClosedMesh, brick: [usize; 3], near: &mut Nearby) -> bool {
+        let half_diagonal = 0.5 * 3f32.sqrt() * BRICK as f32 * self.coarse.cell;
+        let middle = self.position(brick.map(|b| b * BRICK)) + Vector3::repeat(0.5 * BRICK as f32 * self.coarse.cell);
+        let rounded = round_off(&self.coarse.bounds());
+        let distance = self.coarse.at_middles[self.coarse.brick(self.in_grid(brick))];
+        closed.tree.gather(middle, distance + 2.0 * rounded, half_diagonal + 2.0 * rounded, near)
     }
 
     /// The value that a node takes from a coarse brick that it lies on; none where all around are fine.
@@ -411,7 +539,14 @@ impl<'a> Block<'a> {
     }
 
     /// Compares a brick with exact distances at the middles of its cells.
-    fn measure(&self, closed: &ClosedMesh, brick: [usize; 3], values: &[f32], near: &mut f32, far: &mut f32) {
+    fn measure(
+        &self,
+        closed: &ClosedMesh,
+        nearby: Option<&Nearby>,
+        brick: [usize; 3],
+        values: &[i16; NODES],
+        out: &mut BakedBlock,
+    ) {
         let cell = self.coarse.cell;
         let brick_middle = self.coarse.at_middles[self.coarse.brick(self.in_grid(brick))];
         // No cell of the brick is within two of the surface: one cell of eight stands for the others.
@@ -424,18 +559,24 @@ impl<'a> Block<'a> {
                 self.position([0, 1, 2].map(|k: usize| brick[k] * BRICK + at[k])) + Vector3::repeat(0.5 * cell)
             };
             let mut exact = [0.0; 8];
-            closed.tree.distances(&at.map(middle), &mut hint, &mut exact);
+            match nearby {
+                Some(near) => closed.tree.distances_among(near, &at.map(middle), &mut exact),
+                None => closed.tree.distances(&at.map(middle), &mut hint, &mut exact),
+            }
             for l in 0..8 {
                 let [x, y, z] = at[l];
-                let corners: [f32; 8] =
-                    std::array::from_fn(|c| values[node(x + (c & 1), y + (c >> 1 & 1), z + (c >> 2))]);
+                let corners: [f32; 8] = std::array::from_fn(|c| {
+                    f32::from(values[node(x + (c & 1), y + (c >> 1 & 1), z + (c >> 2))]) * self.coarse.quantum
+                });
                 let sampled = corners.iter().sum::<f32>() / 8.0;
                 let largest = corners.iter().fold(0.0f32, |a, &b| if b.abs() > a.abs() { b } else { a });
-                let one_side = exact[l] + largest.abs() > self.coarse.surely_covered(0.5 * 3f32.sqrt() * cell);
+                // A value inside may be deeper by a quantum than it is.
+                let reach = self.coarse.surely_covered(0.5 * 3f32.sqrt() * cell) + self.coarse.quantum;
+                let one_side = exact[l] + largest.abs() > reach;
                 let is_inside = if one_side { largest < 0.0 } else { closed.is_inside(middle(at[l])) };
                 let exact = if is_inside { -exact[l] } else { exact[l] };
                 let error = overstatement(sampled, exact, cell);
-                let worst = if sampled > self.coarse.band { &mut *far } else { &mut *near };
+                let worst = if sampled > self.coarse.band { &mut out.far_error } else { &mut out.near_error };
                 *worst = worst.max(error);
             }
         }
@@ -443,19 +584,21 @@ impl<'a> Block<'a> {
 
     /// Adds the coarse brick that serves the block's far bricks.
     fn add_coarse(&self, out: &mut BakedBlock) {
-        let base = out.values.len();
-        out.values.resize(base + VALUES, 0.0);
-        for n in 0..NODES {
-            let at = [n % ROW, n / ROW % ROW, n / (ROW * ROW)];
+        let base = out.lines.len() * LINE;
+        let mut values = [0i16; NODES];
+        let in_one = self.coarse.quantum / self.coarse.coarse_quantum;
+        for (n, value) in values.iter_mut().enumerate() {
+            let at = [n % EDGE, n / EDGE % EDGE, n / (EDGE * EDGE)];
             if (0..3).all(|k| at[k] <= self.count[k]) {
-                out.values[base + n] = self.coarse.at_corners[self.coarse.corners.index(self.in_grid(at))];
+                *value = (self.coarse.at_corners[self.coarse.corners.index(self.in_grid(at))] * in_one) as i16;
             }
         }
+        out.lines.extend_from_slice(&lines(&values));
         for brick in self.bricks().filter(|&b| !self.is_near(b)) {
             let [x, y, z] = brick;
             let in_grid = self.coarse.brick(self.in_grid(brick));
-            out.entries.push((in_grid, (base + node(x, y, z)) as u32 | COARSE));
-            let sampled = self.coarse.value_in(self.in_grid(brick), [0.5; 3]);
+            out.entries.push((in_grid, (base as u32 + first_corner(x as u32, y as u32, z as u32)) | COARSE));
+            let sampled = self.coarse.value_in(self.in_grid(brick), [0.5; 3]) * self.coarse.quantum;
             if sampled > 0.0 {
                 out.far_error = out.far_error.max(sampled - self.coarse.at_middles[in_grid]);
             }

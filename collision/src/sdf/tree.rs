@@ -80,6 +80,36 @@ pub(crate) struct TriangleTree {
     inv_scale: f32,
 }
 
+/// Points taken to the tree's coordinates together: as many as a row of a block.
+const AT_ONCE: usize = 32;
+
+/// Triangles near some place, for points that need not search the tree.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Nearby {
+    packs: Vec<Leaf>,
+    count: usize,
+}
+
+impl Nearby {
+    /// Beyond four packs a search, which looks at seven and a dozen boxes, may be as fast.
+    const MOST: usize = 4 * LANES;
+
+    fn add(&mut self, leaf: &Leaf, lane: usize) {
+        let to = self.count % LANES;
+        if to == 0 {
+            self.packs.push(leaf.clone());
+        }
+        if let Some(pack) = self.packs.last_mut() {
+            // The first of a pack fills the lanes left over.
+            let lanes = if to == 0 { 0..LANES } else { to..to + 1 };
+            for (into, from) in pack.numbers_mut().into_iter().zip(leaf.numbers()) {
+                into.0[lanes.clone()].fill(from.0[lane]);
+            }
+        }
+        self.count += 1;
+    }
+}
+
 /// Where to look first: the leaf in which a neighbour found what it is nearest to.
 pub(crate) type Hint = u32;
 
@@ -147,14 +177,37 @@ impl TriangleTree {
 
     /// Distances of points (cm) that lie side by side; the last point's leaf is left in `hint` for the next.
     pub fn distances(&self, points: &[Vector3<f32>], hint: &mut Hint, out: &mut [f32]) {
-        /// As many as a row of a block.
-        const AT_ONCE: usize = 32;
         let mut own = [[0.0; 3]; AT_ONCE];
         for (points, out) in points.chunks(AT_ONCE).zip(out.chunks_mut(AT_ONCE)) {
             for (own, p) in own.iter_mut().zip(points) {
                 *own = self.own(*p);
             }
             search(&self.nodes, &self.leaves, &own[..points.len()], hint, out);
+            for d in out.iter_mut() {
+                *d = d.sqrt() * self.inv_scale;
+            }
+        }
+    }
+
+    /// The triangles that any point may have nearest that lies within `reach` of `center`, which is at `distance` from the
+    /// surface (cm); false where they are so many that a search is as good.
+    pub fn gather(&self, center: Vector3<f32>, distance: f32, reach: f32, near: &mut Nearby) -> bool {
+        // There is one within `distance + reach` of each point.
+        let radius = (distance + 2.0 * reach) * self.scale * (1.0 + 16.0 * f32::EPSILON) + 4.0 * ROUND_OFF;
+        near.count = 0;
+        near.packs.clear();
+        gather_in(&self.nodes, &self.leaves, &self.own(center), radius * radius, near);
+        near.count <= Nearby::MOST
+    }
+
+    /// As [`Self::distances`], of points whose nearest triangles were gathered.
+    pub fn distances_among(&self, near: &Nearby, points: &[Vector3<f32>], out: &mut [f32]) {
+        let mut own = [[0.0; 3]; AT_ONCE];
+        for (points, out) in points.chunks(AT_ONCE).zip(out.chunks_mut(AT_ONCE)) {
+            for (own, p) in own.iter_mut().zip(points) {
+                *own = self.own(*p);
+            }
+            least_among(&near.packs, &own[..points.len()], out);
             for d in out.iter_mut() {
                 *d = d.sqrt() * self.inv_scale;
             }
@@ -170,7 +223,7 @@ impl TriangleTree {
     #[cfg(test)]
     pub fn winding_of_all(&self, p: Vector3<f32>) -> f32 {
         let q = self.own(p);
-        self.leaves.iter().map(|f| f.winding(&q)).sum()
+        self.leaves.iter().map(|f| f.winding_plainly(&q)).sum::<f64>() as f32
     }
 
     /// The distance to every triangle in turn, the least taken: what [`Self::distances`] is compared with.
@@ -342,6 +395,16 @@ fn along(from: &[F8; 3], s: F8, e: &[F8; 3]) -> [F8; 3] {
 }
 
 #[inline(always)]
+fn wide(x: f32) -> f64 {
+    f64::from(x)
+}
+
+#[inline(always)]
+fn product(u: [f64; 3], v: [f64; 3]) -> f64 {
+    u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+}
+
+#[inline(always)]
 fn norm2(r: &[F8; 3]) -> F8 {
     dot(*r, *r)
 }
@@ -397,6 +460,30 @@ impl Leaf {
         leaf
     }
 
+    /// All that depends on the triangle.
+    fn numbers(&self) -> [&F8; 22] {
+        let Self { a: [a, b, c], ab: [d, e, f], ac: [g, h, i], along_ab: [j, k, l], along_ac: [m, n, o], .. } = self;
+        let Self { normal: [p, q, r], to_bc, inv_ab, inv_ac, inv_bc, .. } = self;
+        [a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q, r, to_bc, inv_ab, inv_ac, inv_bc]
+    }
+
+    fn numbers_mut(&mut self) -> [&mut F8; 22] {
+        let Self {
+            a: [a, b, c],
+            ab: [d, e, f],
+            ac: [g, h, i],
+            along_ab: [j, k, l],
+            along_ac: [m, n, o],
+            normal: [p, q, r],
+            to_bc,
+            inv_ab,
+            inv_ac,
+            inv_bc,
+            ..
+        } = self;
+        [a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q, r, to_bc, inv_ab, inv_ac, inv_bc]
+    }
+
     /// Squared distances of a point to the triangles: the least over three edges, and the face where the foot is on it.
     #[inline(always)]
     fn distance2(&self, p: &[F8; 3]) -> F8 {
@@ -416,8 +503,36 @@ impl Leaf {
         (on_face + off_face).least(on_ab.least(on_ac).least(on_bc))
     }
 
-    /// Share of the full solid angle under which `q` sees the triangles, positive from behind.
+    /// Share of the full solid angle under which `q` sees the triangles, positive from behind. In double precision: beside
+    /// an edge the denominator is what is left of three products of lengths that cancel.
+    #[inline(always)]
     fn winding(&self, q: &[f32; 3]) -> f32 {
+        let mut sine = [0.0f64; LANES];
+        let mut cosine = [0.0f64; LANES];
+        for l in 0..LANES {
+            // Written out, see above.
+            let (ab, ac) = (&self.ab, &self.ac);
+            let ab = [wide(ab[0].0[l]), wide(ab[1].0[l]), wide(ab[2].0[l])];
+            let ac = [wide(ac[0].0[l]), wide(ac[1].0[l]), wide(ac[2].0[l])];
+            let a = &self.a;
+            let a = [wide(a[0].0[l] - q[0]), wide(a[1].0[l] - q[1]), wide(a[2].0[l] - q[2])];
+            let (b, c) = ([a[0] + ab[0], a[1] + ab[1], a[2] + ab[2]], [a[0] + ac[0], a[1] + ac[1], a[2] + ac[2]]);
+            let (la, lb, lc) = (product(a, a).sqrt(), product(b, b).sqrt(), product(c, c).sqrt());
+            let b_x_c = [b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]];
+            sine[l] = product(a, b_x_c);
+            cosine[l] = la * lb * lc + product(a, b) * lc + product(b, c) * la + product(c, a) * lb;
+        }
+        let turns = turns(&sine, &cosine);
+        let mut sum = 0.0;
+        for l in 0..LANES {
+            sum += if l < self.count { turns.0[l] } else { 0.0 };
+        }
+        sum
+    }
+
+    /// As [`Self::winding`], one triangle at a time and with the library's angle: what it is compared with.
+    #[cfg(test)]
+    fn winding_plainly(&self, q: &[f32; 3]) -> f64 {
         let mut sum = 0.0;
         for l in 0..self.count {
             let vector = |v: &[F8; 3]| Vector3::new(v[0].0[l], v[1].0[l], v[2].0[l]);
@@ -426,12 +541,31 @@ impl Leaf {
             let [la, lb, lc] = [a.norm(), b.norm(), c.norm()];
             let volume = a.dot(&b.cross(&c));
             let denominator = la * lb * lc + a.dot(&b) * lc + b.dot(&c) * la + c.dot(&a) * lb;
-            if volume != 0.0 {
-                sum += volume.atan2(denominator);
-            }
+            sum += if volume == 0.0 { 0.0 } else { volume.atan2(denominator) };
         }
-        (sum / std::f64::consts::TAU) as f32
+        sum / std::f64::consts::TAU
     }
+}
+
+/// Angles of (cosine, sine) in turns, from minus a half to a half; zero where the sine is. Errs by a few millionths: a sum of some
+/// hundreds is told from its neighbouring integers.
+#[inline(always)]
+fn turns(sine: &[f64; LANES], cosine: &[f64; LANES]) -> F8 {
+    let mut out = F8::ZERO;
+    for l in 0..LANES {
+        let (y, x) = (sine[l].abs(), cosine[l].abs());
+        let (less, more) = if y < x { (y, x) } else { (x, y) };
+        let t = if more > 0.0 { (less / more) as f32 } else { 0.0 };
+        // The arctangent up to one (Abramowitz and Stegun 1964, 4.4.48), which errs by a hundred-thousandth.
+        let t2 = t * t;
+        let series = 0.180_141 + t2 * (-0.085_133 + t2 * 0.020_835_1);
+        let up_to_eighth = t * (0.999_866 + t2 * (-0.330_299_5 + t2 * series)) * (1.0 / std::f32::consts::TAU);
+        let up_to_quarter = if y < x { up_to_eighth } else { 0.25 - up_to_eighth };
+        let up_to_half = if cosine[l] < 0.0 { 0.5 - up_to_quarter } else { up_to_quarter };
+        let signed = if sine[l] < 0.0 { -up_to_half } else { up_to_half };
+        out.0[l] = if y > 0.0 { signed } else { 0.0 };
+    }
+    out
 }
 
 impl Group {
@@ -522,6 +656,58 @@ fn search(nodes: &[Node], leaves: &[Leaf], points: &[[f32; 3]], hint: &mut Hint,
     }
 }
 
+/// Adds the triangles within a ball, until they are too many.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+fn gather_in(nodes: &[Node], leaves: &[Leaf], center: &[f32; 3], radius2: f32, near: &mut Nearby) {
+    let p = [F8::splat(center[0]), F8::splat(center[1]), F8::splat(center[2])];
+    let limit = F8::splat(radius2);
+    let mut stack = [0u32; MAX_STACK];
+    let mut depth = 1;
+    while depth > 0 {
+        depth -= 1;
+        let n = stack[depth];
+        if n & LEAF != 0 {
+            let leaf = &leaves[(n & !LEAF) as usize];
+            let mut within = leaf.distance2(&p).less(limit);
+            while within != 0 {
+                let lane = within.trailing_zeros() as usize;
+                within &= within - 1;
+                if lane < leaf.count {
+                    near.add(leaf, lane);
+                }
+            }
+            if near.count > Nearby::MOST {
+                return;
+            }
+            continue;
+        }
+        let node = &nodes[n as usize];
+        let mut within = node.distance2(&p).less(limit);
+        while within != 0 {
+            let lane = within.trailing_zeros() as usize;
+            within &= within - 1;
+            stack[depth] = node.child[lane];
+            depth += 1;
+        }
+    }
+}
+
+/// Squared distances of points to the nearest of some triangles, of which there must be one.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+fn least_among(packs: &[Leaf], points: &[[f32; 3]], out: &mut [f32]) {
+    for (point, out) in points.iter().zip(out) {
+        let p = [F8::splat(point[0]), F8::splat(point[1]), F8::splat(point[2])];
+        let mut least = F8::splat(f32::INFINITY);
+        for pack in packs {
+            least = pack.distance2(&p).least(least);
+        }
+        let v = least.0;
+        let lesser = |a: f32, b: f32| if a < b { a } else { b };
+        let four = [lesser(v[0], v[4]), lesser(v[1], v[5]), lesser(v[2], v[6]), lesser(v[3], v[7])];
+        *out = lesser(lesser(four[0], four[2]), lesser(four[1], four[3]));
+    }
+}
+
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
 fn winding_in(nodes: &[Node], groups: &[Group], leaves: &[Leaf], q: &[f32; 3]) -> f32 {
     let p = [F8::splat(q[0]), F8::splat(q[1]), F8::splat(q[2])];
@@ -606,6 +792,31 @@ mod tests {
                     assert!((d - all).abs() <= ROUND_OFF * size, "{d} but {all} at {:?}", packet[l]);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn triangles_gathered_about_a_place_hold_the_nearest_of_every_point_there() {
+        let (points, triangles) = bumpy(12);
+        for size in [1.0, 1e-6, 1e6f32] {
+            let points: Vec<_> = points.iter().map(|p| p * size).collect();
+            let tree = TriangleTree::new(&points, &triangles);
+            let (mut hint, mut near) = (0, Nearby::default());
+            let mut gathered = 0;
+            for packet in lattice(12) {
+                let packet = packet.map(|p| p * size);
+                let center = packet.iter().sum::<Vector3<f32>>() / 8.0;
+                let reach = packet.iter().map(|p| (p - center).norm()).fold(0.0, f32::max);
+                if !tree.gather(center, tree.nearest_of_all(center), reach, &mut near) {
+                    continue;
+                }
+                gathered += 1;
+                let (mut searched, mut among) = ([0.0; 8], [0.0; 8]);
+                tree.distances(&packet, &mut hint, &mut searched);
+                tree.distances_among(&near, &packet, &mut among);
+                assert_eq!(searched, among, "the same triangle, the same arithmetic");
+            }
+            assert!(gathered > 500, "hardly tried: {gathered}");
         }
     }
 

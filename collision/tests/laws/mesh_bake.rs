@@ -340,8 +340,15 @@ fn a_batch_of_samples_is_each_sample_bit_for_bit() {
     points[50] = Vector3::new(f32::NAN, 0.0, 0.0);
     let [x, y, z] = [0, 1, 2].map(|k: usize| points.iter().map(|p| p[k]).collect::<Vec<_>>());
     let mut out = [(); 4].map(|()| vec![0.0f32; n]);
-    let [d, gx, gy, gz] = &mut out;
-    sdf.sample([&x, &y, &z], &mut collision::Samples { distance: d, gradient: [gx, gy, gz] });
+    // Lengths about those of vectors and blocks, then all.
+    for n in (0..140).chain([n]) {
+        let [d, gx, gy, gz] = out.each_mut().map(|o| &mut o[..n]);
+        sdf.sample([&x[..n], &y[..n], &z[..n]], &mut collision::Samples { distance: d, gradient: [gx, gy, gz] });
+        check_batch(&sdf, &points[..n], &out);
+    }
+}
+
+fn check_batch(sdf: &SignedDistanceField, points: &[Vector3<f32>], out: &[Vec<f32>; 4]) {
     for (k, p) in points.iter().enumerate() {
         let (distance, gradient) = sdf.distance_gradient(*p);
         let single = [distance, gradient.x, gradient.y, gradient.z];
