@@ -9,6 +9,7 @@
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, ZeroConeT};
 use io_formats::skinning_model::MAX_ELIGIBLE;
+use multiversion::multiversion;
 
 /// Ridge per mean diagonal entry of H.
 const RELATIVE_RIDGE: f64 = 1e-9;
@@ -64,66 +65,7 @@ impl SubsetWeights {
     /// If k is not 1 to 9.
     pub fn solve(&mut self, h: &Square, k: usize, ridge: f64) {
         assert!((1..=MAX_ELIGIBLE).contains(&k), "{k} eligible guides");
-        // The factor of the present mask, one row per guide from its highest bit down, and what follows from it.
-        let mut factor: Square = [[0.0; MAX_ELIGIBLE]; MAX_ELIGIBLE];
-        let mut inverse = [0.0; MAX_ELIGIBLE];
-        let mut forward = [0.0; MAX_ELIGIBLE];
-        let mut guide_at = [0; MAX_ELIGIBLE];
-        for mask in 1..1_usize << k {
-            let last = mask.count_ones() as usize - 1;
-            let guide = mask.trailing_zeros() as usize;
-            guide_at[last] = guide;
-            let mut diagonal = h[guide][guide] + ridge;
-            let mut ahead = 1.0;
-            for c in 0..last {
-                let mut sum = h[guide][guide_at[c]];
-                for t in 0..c {
-                    sum -= factor[last][t] * factor[c][t];
-                }
-                let entry = sum * inverse[c];
-                factor[last][c] = entry;
-                diagonal -= entry * entry;
-                ahead -= entry * forward[c];
-            }
-            // A Schur complement of H + ridge is at least the ridge; below it there is only round-off.
-            inverse[last] = 1.0 / diagonal.max(ridge).sqrt();
-            forward[last] = ahead * inverse[last];
-
-            let mut x = [0.0; MAX_ELIGIBLE];
-            let (mut total, mut negative) = (0.0, 0_usize);
-            for r in (0..=last).rev() {
-                let mut sum = forward[r];
-                for t in r + 1..=last {
-                    sum -= factor[t][r] * x[t];
-                }
-                x[r] = sum * inverse[r];
-                total += x[r];
-                if x[r] < 0.0 {
-                    negative |= 1 << guide_at[r];
-                }
-            }
-            if negative == 0 {
-                let weights = &mut self.weights[mask];
-                *weights = [0.0; MAX_ELIGIBLE];
-                for r in 0..=last {
-                    weights[guide_at[r]] = x[r] / total;
-                }
-                // The least value is 1 / (1ᵀ H⁻¹ 1).
-                self.objective[mask] = 1.0 / total;
-                self.support[mask] = mask as u16;
-            } else {
-                let mut best = f64::INFINITY;
-                while negative != 0 {
-                    let child = mask & !(negative & negative.wrapping_neg());
-                    if self.objective[child] < best {
-                        best = self.objective[child];
-                        self.support[mask] = self.support[child];
-                    }
-                    negative &= negative - 1;
-                }
-                self.objective[mask] = best;
-            }
-        }
+        walk(self, h, k, ridge);
     }
 
     /// Weights of the guides for one mask, by bit; zero outside the mask.
@@ -152,6 +94,80 @@ impl SubsetWeights {
     pub fn objective(&self, mask: u16) -> f64 {
         self.objective[usize::from(mask)]
     }
+}
+
+/// [`SubsetWeights::solve`]. Only for its `mul_add`, which is a function call where the machine's own instruction is not used.
+#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
+fn walk(all: &mut SubsetWeights, h: &Square, k: usize, ridge: f64) {
+    // The factor L D Lᵀ of the present mask, one row per guide from its highest bit down, and what follows from it.
+    let mut factor: Square = [[0.0; MAX_ELIGIBLE]; MAX_ELIGIBLE];
+    let mut unscaled = [0.0; MAX_ELIGIBLE];
+    let mut inverse_pivot = [0.0; MAX_ELIGIBLE];
+    let mut forward = [0.0; MAX_ELIGIBLE];
+    let mut scaled = [0.0; MAX_ELIGIBLE];
+    let mut guide_at = [0; MAX_ELIGIBLE];
+    for mask in 1..1_usize << k {
+        let last = mask.count_ones() as usize - 1;
+        let guide = mask.trailing_zeros() as usize;
+        guide_at[last] = guide;
+        let mut pivot = h[guide][guide] + ridge;
+        let mut ahead = 1.0;
+        for c in 0..last {
+            let mut sum = h[guide][guide_at[c]];
+            for t in 0..c {
+                sum = less_product(unscaled[t], factor[c][t], sum);
+            }
+            unscaled[c] = sum;
+            let entry = sum * inverse_pivot[c];
+            factor[last][c] = entry;
+            pivot = less_product(entry, sum, pivot);
+            ahead = less_product(entry, forward[c], ahead);
+        }
+        // A Schur complement of H + ridge is at least the ridge; below it there is only round-off.
+        inverse_pivot[last] = 1.0 / pivot.max(ridge);
+        forward[last] = ahead;
+        scaled[last] = ahead * inverse_pivot[last];
+
+        let mut x = scaled;
+        let (mut total, mut negative) = (0.0, 0_usize);
+        for t in (0..=last).rev() {
+            for r in 0..t {
+                x[r] = less_product(factor[t][r], x[t], x[r]);
+            }
+            total += x[t];
+            if x[t] < 0.0 {
+                negative |= 1 << guide_at[t];
+            }
+        }
+        if negative == 0 {
+            // The least value is 1 / (1ᵀ H⁻¹ 1).
+            let objective = 1.0 / total;
+            let weights = &mut all.weights[mask];
+            *weights = [0.0; MAX_ELIGIBLE];
+            for r in 0..=last {
+                weights[guide_at[r]] = x[r] * objective;
+            }
+            all.objective[mask] = objective;
+            all.support[mask] = mask as u16;
+        } else {
+            let mut best = f64::INFINITY;
+            while negative != 0 {
+                let child = mask & !(negative & negative.wrapping_neg());
+                if all.objective[child] < best {
+                    best = all.objective[child];
+                    all.support[mask] = all.support[child];
+                }
+                negative &= negative - 1;
+            }
+            all.objective[mask] = best;
+        }
+    }
+}
+
+/// c - a b, rounded once.
+#[inline(always)]
+fn less_product(a: f64, b: f64, c: f64) -> f64 {
+    (-a).mul_add(b, c)
 }
 
 /// The same problem for one set of `k` guides by a general interior-point solver: the reference in tests, and the path for
