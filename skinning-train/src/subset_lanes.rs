@@ -14,10 +14,16 @@ use crate::subset_weights::Square;
 /// Problems side by side.
 pub const LANES: usize = 8;
 
-/// One number for each of eight problems.
-pub type Lane = [f64; LANES];
+/// One number for each of eight problems; aligned, or each would lie across two cache lines.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(align(64))]
+pub struct Lane(pub [f64; LANES]);
 
-const ZERO: Lane = [0.0; LANES];
+const ZERO: Lane = Lane([0.0; LANES]);
+const ONE: Lane = Lane([1.0; LANES]);
+
+/// All bits for the problems chosen, none for the others.
+type Chosen = [u64; LANES];
 
 macro_rules! lanewise {
     ($(#[$doc:meta])* $name:ident($($x:ident),+) = $value:expr) => {
@@ -26,11 +32,28 @@ macro_rules! lanewise {
         fn $name($($x: &Lane),+) -> Lane {
             let mut out = ZERO;
             for at in 0..LANES {
-                $(let $x = $x[at];)+
-                out[at] = $value;
+                $(let $x = $x.0[at];)+
+                out.0[at] = $value;
             }
             out
         }
+    };
+}
+
+/// Runs the body for each index below a bound known to the compiler, up to nine, without a loop: of a loop over guides it
+/// would make vectors that run across guides, and gather and scatter what lies side by side within a lane array.
+macro_rules! unrolled {
+    ($at:ident < $bound:expr, $body:block) => {
+        unrolled!(@ $at, $bound, $body, 0, 1, 2, 3, 4, 5, 6, 7, 8)
+    };
+    ($bound:expr, down to $at:ident, $body:block) => {
+        unrolled!(@ $at, $bound, $body, 8, 7, 6, 5, 4, 3, 2, 1, 0)
+    };
+    (@ $at:ident, $bound:expr, $body:block, $($index:literal),+) => {
+        $({
+            let $at: usize = $index;
+            if $at < $bound $body
+        })+
     };
 }
 
@@ -47,13 +70,42 @@ lanewise!(
     less_product(a, b, c) = (-a).mul_add(b, c)
 );
 lanewise!(
-    /// The larger of both.
-    larger(a, b) = a.max(b)
-);
-lanewise!(
     /// 1 / a
     inverse(a) = 1.0 / a
 );
+lanewise!(
+    /// The larger of both.
+    larger(a, b) = if a > b { a } else { b }
+);
+lanewise!(
+    /// The smaller of both.
+    smaller(a, b) = if a < b { a } else { b }
+);
+
+/// Where x is negative and a below b.
+#[inline(always)]
+fn negative_and_less(x: &Lane, a: &Lane, b: &Lane) -> Chosen {
+    let mut chosen = [0; LANES];
+    for at in 0..LANES {
+        chosen[at] = u64::from((x.0[at] < 0.0) & (a.0[at] < b.0[at])).wrapping_neg();
+    }
+    chosen
+}
+
+/// a where chosen, else b: by bits, which leaves the compiler no branch to make of it.
+#[inline(always)]
+fn pick(chosen: &Chosen, a: &Lane, b: &Lane) -> Lane {
+    let mut out = ZERO;
+    for at in 0..LANES {
+        out.0[at] = f64::from_bits((a.0[at].to_bits() & chosen[at]) | (b.0[at].to_bits() & !chosen[at]));
+    }
+    out
+}
+
+#[inline(always)]
+fn any_negative(x: &Lane) -> bool {
+    x.0.iter().fold(0, |signs, x| signs | u64::from(*x < 0.0)) != 0
+}
 
 /// Problems of up to nine guides, all of the same number, and the weights of all their subsets.
 #[derive(Debug, Clone, Default)]
@@ -74,7 +126,7 @@ pub struct SubsetLanes {
 }
 
 /// What H + ridge of the guides of one mask factors into, L D Lᵀ, one row per guide from the highest bit of the mask down.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 struct Factor {
     /// Below the unit diagonal.
     rows: [[Lane; MAX_ELIGIBLE]; MAX_ELIGIBLE],
@@ -84,6 +136,15 @@ struct Factor {
     scaled: [Lane; MAX_ELIGIBLE],
 }
 
+impl Factor {
+    const ZERO: Self = Self {
+        rows: [[ZERO; MAX_ELIGIBLE]; MAX_ELIGIBLE],
+        inverse_pivot: [ZERO; MAX_ELIGIBLE],
+        forward: [ZERO; MAX_ELIGIBLE],
+        scaled: [ZERO; MAX_ELIGIBLE],
+    };
+}
+
 impl SubsetLanes {
     /// Makes room for `n_problems` of `n_guides` each; problems that are not [`set`](Self::set) have no meaning.
     ///
@@ -91,20 +152,22 @@ impl SubsetLanes {
     /// If there are not 1 to 9 guides.
     pub fn reset(&mut self, n_guides: usize, n_problems: usize) {
         assert!((1..=MAX_ELIGIBLE).contains(&n_guides), "{n_guides} eligible guides");
-        (self.n_guides, self.n_problems) = (n_guides, n_problems);
-        self.n_groups = n_problems.div_ceil(LANES);
+        let n_groups = n_problems.div_ceil(LANES);
         let refill = |lanes: &mut Vec<Lane>, per_group: usize, value: f64| {
             lanes.clear();
-            lanes.resize(per_group * self.n_groups, [value; LANES]);
+            lanes.resize(per_group * n_groups, Lane([value; LANES]));
         };
         refill(&mut self.h, n_guides * (n_guides + 1) / 2, 0.0);
         // Lanes left over solve zero matrices.
         refill(&mut self.ridge, 1, 1.0);
-        let n_masks = 1 << n_guides;
-        // Every mask writes all its own weights; what lies outside is zero from here on unless the shape changes.
-        refill(&mut self.weights, n_masks * n_guides, 0.0);
-        refill(&mut self.objective, n_masks, 0.0);
-        self.factors.resize_with(self.n_groups, Factor::default);
+        // Every mask writes all its own weights; of the same shape, those outside are zero already.
+        if (n_guides, n_groups) != (self.n_guides, self.n_groups) {
+            let n_masks = 1 << n_guides;
+            refill(&mut self.weights, n_masks * n_guides, 0.0);
+            refill(&mut self.objective, n_masks, 0.0);
+            self.factors.resize(n_groups, Factor::ZERO);
+        }
+        (self.n_guides, self.n_problems, self.n_groups) = (n_guides, n_problems, n_groups);
     }
 
     /// One problem: its matrix, and what is added to the diagonal, which must be positive.
@@ -126,7 +189,7 @@ impl SubsetLanes {
     /// If there is no such problem or pair.
     pub fn set_pair(&mut self, problem: usize, pair: usize, value: f64) {
         assert!(problem < self.n_problems, "problem {problem} of {}", self.n_problems);
-        self.h[pair * self.n_groups + problem / LANES][problem % LANES] = value;
+        self.h[pair * self.n_groups + problem / LANES].0[problem % LANES] = value;
     }
 
     /// What is added to the diagonal of one problem, positive.
@@ -135,7 +198,7 @@ impl SubsetLanes {
     /// If there is no such problem.
     pub fn set_ridge(&mut self, problem: usize, ridge: f64) {
         assert!(problem < self.n_problems, "problem {problem} of {}", self.n_problems);
-        self.ridge[problem / LANES][problem % LANES] = ridge;
+        self.ridge[problem / LANES].0[problem % LANES] = ridge;
     }
 
     /// Solves all subsets of all problems.
@@ -160,7 +223,7 @@ impl SubsetLanes {
     /// If there is no such mask, guide or problem.
     #[must_use]
     pub fn weight(&self, mask: usize, guide: usize, problem: usize) -> f64 {
-        self.weights(mask, guide)[problem / LANES][problem % LANES]
+        self.weights(mask, guide)[problem / LANES].0[problem % LANES]
     }
 
     /// The least value of wᵀ (H + ridge) w for one mask of one problem.
@@ -169,7 +232,7 @@ impl SubsetLanes {
     /// If there is no such mask or problem.
     #[must_use]
     pub fn objective(&self, mask: usize, problem: usize) -> f64 {
-        self.objective[mask * self.n_groups + problem / LANES][problem % LANES]
+        self.objective[mask * self.n_groups + problem / LANES].0[problem % LANES]
     }
 }
 
@@ -207,47 +270,32 @@ fn one_mask<const SIZE: usize>(lanes: &mut SubsetLanes, mask: usize, guide_at: &
         let ridge = &lanes.ridge[group];
         let factor = &mut lanes.factors[group];
         let mut h = [ZERO; SIZE];
-        for c in 0..SIZE {
-            h[c] = lanes.h[row[c] + group];
-        }
+        unrolled!(c < SIZE, { h[c] = lanes.h[row[c] + group] });
         let x = inner_optimum(factor, &h, ridge);
         let mut total = x[SIZE - 1];
         let mut least = x[SIZE - 1];
-        for r in (0..SIZE - 1).rev() {
+        unrolled!(SIZE - 1, down to r, {
             total = add(&total, &x[r]);
-            for at in 0..LANES {
-                least[at] = least[at].min(x[r][at]);
-            }
-        }
+            least = smaller(&least, &x[r]);
+        });
         let mut best = inverse(&total);
         let mut weights = [ZERO; SIZE];
-        for r in 0..SIZE {
-            weights[r] = mul(&x[r], &best);
-        }
-        if SIZE > 1 && least.iter().any(|x| *x < 0.0) {
-            let inside = least.map(|x| if x < 0.0 { f64::INFINITY } else { 0.0 });
+        unrolled!(r < SIZE, { weights[r] = mul(&x[r], &best) });
+        if SIZE > 1 && any_negative(&least) {
             // Nothing is better than a lane's optimum where that is inside.
-            for at in 0..LANES {
-                best[at] = if inside[at] == 0.0 { best[at] } else { f64::INFINITY };
-            }
-            for left_out in (0..SIZE).rev() {
-                if !x[left_out].iter().any(|x| *x < 0.0) {
-                    continue;
-                }
-                let child = mask & !(1 << guide_at[left_out]);
-                let objective = &lanes.objective[child * n_groups + group];
-                let mut better = [false; LANES];
-                for at in 0..LANES {
-                    better[at] = (x[left_out][at] < 0.0) & (objective[at] < best[at]);
-                    best[at] = if better[at] { objective[at] } else { best[at] };
-                }
-                for r in 0..SIZE {
-                    let of_child = &lanes.weights[(child * k + guide_at[r]) * n_groups + group];
-                    for at in 0..LANES {
-                        weights[r][at] = if better[at] { of_child[at] } else { weights[r][at] };
+            best = pick(&negative_and_less(&least, &ZERO, &ONE), &Lane([f64::INFINITY; LANES]), &best);
+            unrolled!(SIZE, down to left_out, {
+                if any_negative(&x[left_out]) {
+                    let child = mask & !(1 << guide_at[left_out]);
+                    let objective = &lanes.objective[child * n_groups + group];
+                    let better = negative_and_less(&x[left_out], objective, &best);
+                    best = pick(&better, objective, &best);
+                    for r in 0..SIZE {
+                        let of_child = &lanes.weights[(child * k + guide_at[r]) * n_groups + group];
+                        weights[r] = pick(&better, of_child, &weights[r]);
                     }
                 }
-            }
+            });
         }
         lanes.objective[mask * n_groups + group] = best;
         for r in 0..SIZE {
@@ -258,33 +306,30 @@ fn one_mask<const SIZE: usize>(lanes: &mut SubsetLanes, mask: usize, guide_at: &
 
 /// H⁻¹1 for `SIZE` guides, from the factor of all but the last, which grows by a row. `h` holds the last guide's products
 /// with those before it, then with itself.
+#[allow(unused_assignments, reason = "the last of the unrolled steps has none after it")]
 #[inline(always)]
 fn inner_optimum<const SIZE: usize>(factor: &mut Factor, h: &[Lane; SIZE], ridge: &Lane) -> [Lane; SIZE] {
     let last = SIZE - 1;
     let mut pivot = add(&h[last], ridge);
-    let mut ahead = [1.0; LANES];
+    let mut ahead = ONE;
     let mut unscaled = [ZERO; SIZE];
-    for c in 0..last {
+    unrolled!(c < last, {
         let mut sum = h[c];
-        for t in 0..c {
-            sum = less_product(&unscaled[t], &factor.rows[c][t], &sum);
-        }
+        unrolled!(t < c, { sum = less_product(&unscaled[t], &factor.rows[c][t], &sum) });
         unscaled[c] = sum;
         let entry = mul(&sum, &factor.inverse_pivot[c]);
         factor.rows[last][c] = entry;
         pivot = less_product(&entry, &sum, &pivot);
         ahead = less_product(&entry, &factor.forward[c], &ahead);
-    }
+    });
     factor.inverse_pivot[last] = inverse(&larger(&pivot, ridge));
     factor.forward[last] = ahead;
     factor.scaled[last] = mul(&ahead, &factor.inverse_pivot[last]);
 
     let mut x = [ZERO; SIZE];
-    x.copy_from_slice(&factor.scaled[..SIZE]);
-    for t in (1..SIZE).rev() {
-        for r in 0..t {
-            x[r] = less_product(&factor.rows[t][r], &x[t], &x[r]);
-        }
-    }
+    unrolled!(r < SIZE, { x[r] = factor.scaled[r] });
+    unrolled!(SIZE, down to t, {
+        unrolled!(r < t, { x[r] = less_product(&factor.rows[t][r], &x[t], &x[r]) });
+    });
     x
 }

@@ -24,7 +24,12 @@ pub type Square = [[f64; MAX_ELIGIBLE]; MAX_ELIGIBLE];
 /// What is added to the diagonal of H: 1e-9 of its mean, and the noise of `n_frames` recorded positions.
 #[must_use]
 pub fn ridge(h: &Square, k: usize, n_frames: usize) -> f64 {
-    let trace: f64 = (0..k).map(|g| h[g][g]).sum();
+    ridge_of_trace((0..k).map(|g| h[g][g]).sum(), k, n_frames)
+}
+
+/// [`ridge`], from the sum of the `k` diagonal entries of H.
+#[must_use]
+pub fn ridge_of_trace(trace: f64, k: usize, n_frames: usize) -> f64 {
     RELATIVE_RIDGE * trace / k as f64 + n_frames as f64 * POSITION_NOISE_CM * POSITION_NOISE_CM
 }
 
