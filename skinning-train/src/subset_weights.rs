@@ -17,6 +17,8 @@ const RELATIVE_RIDGE: f64 = 1e-9;
 const POSITION_NOISE_CM: f64 = 1e-5;
 /// Accuracy asked of the general solver, absolute and relative, after scaling to unit mean diagonal.
 const GENERAL_TOLERANCE: f64 = 1e-12;
+/// Rounds of scaling and solving: whether unknowns are scaled too.
+const GENERAL_ROUNDS: [bool; 4] = [false, false, true, true];
 
 /// A symmetric matrix over eligible guides; rows and columns past k are not read.
 pub type Square = [[f64; MAX_ELIGIBLE]; MAX_ELIGIBLE];
@@ -42,6 +44,35 @@ pub fn quadratic_form(h: &Square, k: usize, w: &[f64; MAX_ELIGIBLE]) -> f64 {
         total += w[a] * row;
     }
     total
+}
+
+/// wᵀ H w / (Σw)² in twice the working precision: near the ridge, plain sums lose seven digits of it to cancellation.
+#[must_use]
+pub fn quadratic_form_exactly(h: &Square, k: usize, w: &[f64; MAX_ELIGIBLE]) -> f64 {
+    let (mut value, mut sum) = ([0.0; 2], [0.0; 2]);
+    for a in 0..k {
+        sum = plus(sum, w[a]);
+        for b in 0..k {
+            let (product, rest) = times(w[a], w[b]);
+            let (term, term_rest) = times(product, h[a][b]);
+            value = plus(plus(value, term), rest.mul_add(h[a][b], term_rest));
+        }
+    }
+    let total = sum[0] + sum[1];
+    (value[0] + value[1]) / (total * total)
+}
+
+/// a b, and what rounding left of it.
+fn times(a: f64, b: f64) -> (f64, f64) {
+    let product = a * b;
+    (product, a.mul_add(b, -product))
+}
+
+/// A sum of two parts and a number; the second part is what the first cannot hold.
+fn plus([high, low]: [f64; 2], x: f64) -> [f64; 2] {
+    let sum = high + x;
+    let of_x = sum - high;
+    [sum, low + (high - (sum - of_x)) + (x - of_x)]
 }
 
 /// Memory and results of [`SubsetWeights::solve`].
@@ -177,23 +208,49 @@ fn less_product(a: f64, b: f64, c: f64) -> f64 {
 
 /// The same problem for one set of `k` guides by a general interior-point solver: the reference in tests, and the path for
 /// a problem the walk does not cover. `None` when the solver gives up.
+///
+/// Its tolerances are absolute where objectives are below one, so the problem is scaled by its diagonal, solved, scaled by
+/// the objective found and solved again, later with its unknowns scaled too; by powers of two, which leave the problem what
+/// it is. The best point of all rounds counts.
 #[must_use]
 pub fn solve_general(h: &Square, k: usize, ridge: f64) -> Option<[f64; MAX_ELIGIBLE]> {
-    let mean = (0..k).map(|g| h[g][g] + ridge).sum::<f64>() / k as f64;
-    // Upper triangle, column by column. The solver minimises ½ wᵀ P w.
+    let mut ridged = *h;
+    (0..k).for_each(|g| ridged[g][g] += ridge);
+    let mut scale = (0..k).map(|g| ridged[g][g]).sum::<f64>() / k as f64;
+    let mut best: Option<(f64, [f64; MAX_ELIGIBLE])> = None;
+    for scale_unknowns in GENERAL_ROUNDS {
+        let Some(w) = interior_point(&ridged, k, scale.log2().round().exp2(), scale_unknowns) else { continue };
+        let objective = quadratic_form_exactly(&ridged, k, &w);
+        if best.is_none_or(|(least, _)| objective < least) {
+            best = Some((objective, w));
+        }
+        if objective > 0.0 {
+            scale = objective;
+        }
+    }
+    best.map(|(_, w)| w)
+}
+
+/// The point the solver finds for H over `scale`, on the simplex; in unknowns of like size if so asked. `None` when it gives up.
+#[must_use]
+pub fn interior_point(h: &Square, k: usize, scale: f64, scale_unknowns: bool) -> Option<[f64; MAX_ELIGIBLE]> {
+    // In unknowns w_g sizes_g all diagonal entries are near one: that serves where one guide errs far less than others.
+    let size = |g: usize| if scale_unknowns { (0.5 * (h[g][g] / scale).log2()).round().exp2() } else { 1.0 };
+    let sizes: Vec<f64> = (0..k).map(size).collect();
+    // Upper triangle, column by column. The solver minimises ½ xᵀ P x.
     let (mut starts, mut rows, mut values) = (vec![0], Vec::new(), Vec::new());
     for c in 0..k {
         for r in 0..=c {
             rows.push(r);
-            values.push(2.0 * (h[r][c] + if r == c { ridge } else { 0.0 }) / mean);
+            values.push(2.0 * h[r][c] / (scale * sizes[r] * sizes[c]));
         }
         starts.push(rows.len());
     }
     let p = CscMatrix::new(k, k, starts, rows, values);
-    // One row for the sum, one per sign: A w + s = b.
+    // One row for the sum, one per sign: A x + s = b.
     let a_starts = (0..=k).map(|c| 2 * c).collect();
     let a_rows = (0..k).flat_map(|c| [0, c + 1]).collect();
-    let a_values = (0..k).flat_map(|_| [1.0, -1.0]).collect();
+    let a_values = sizes.iter().flat_map(|size| [1.0 / size, -1.0]).collect();
     let a = CscMatrix::new(k + 1, k, a_starts, a_rows, a_values);
     let mut b = vec![0.0; k + 1];
     b[0] = 1.0;
@@ -211,8 +268,11 @@ pub fn solve_general(h: &Square, k: usize, ridge: f64) -> Option<[f64; MAX_ELIGI
         return None;
     }
     let mut w = [0.0; MAX_ELIGIBLE];
-    w[..k].copy_from_slice(&solver.solution.x);
-    Some(w)
+    for g in 0..k {
+        w[g] = solver.solution.x[g].max(0.0) / sizes[g];
+    }
+    let total: f64 = w.iter().sum();
+    Some(w.map(|w| w / total))
 }
 
 #[cfg(test)]
