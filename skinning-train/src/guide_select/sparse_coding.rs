@@ -3,9 +3,12 @@
 //!
 //! Mini-batches of signals are coded against the present dictionary, two sums of the codes are updated, and the atoms
 //! follow by block coordinate descent on those sums, each kept within the unit ball (without a bound the penalty would
-//! shrink codes by growing atoms). Older batches fade from the sums, since their codes belong to a dictionary that is
-//! gone. Batches have a fixed order and codes are reduced in it: same inputs, same bytes, for any number of threads.
+//! shrink codes by growing atoms). A signal's new code takes the place of its old one in the sums, and starts from it.
+//! Batches have a fixed order and codes are reduced in it: same inputs, same bytes, for any number of threads.
 
+use faer::linalg::matmul::matmul;
+use faer::{Accum, MatMut, MatRef, Par};
+use multiversion::multiversion;
 use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -18,10 +21,12 @@ use crate::reduce::Signals;
 const LEARNING_TOLERANCE: f64 = 1e-4;
 /// Optimality of codes that are reported or used.
 pub const FINAL_TOLERANCE: f64 = 1e-7;
-/// How fast old batches fade: batch t keeps (1 - 1/t)^FADING of the sums before it.
-const FADING: f64 = 2.0;
 /// Sum of squared codes below which an atom cannot be updated.
 const UNUSED: f64 = 1e-10;
+/// Signals coded by one task, whose products with all atoms are one matrix product.
+const BLOCK: usize = 32;
+/// Atoms between two matrix products of an update.
+const UPDATED_AT_ONCE: usize = 32;
 
 /// What to learn.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,7 +52,8 @@ pub struct Dictionary {
     pub n_atoms: usize,
     /// Codes of all signals, strand-major: per signal the atoms it uses, ascending, with their coefficients.
     pub codes: Vec<Vec<(u32, f64)>>,
-    /// Mean over signals of the objective of AS16 Eq. (9): with the first atoms, then after each epoch.
+    /// Mean over signals of the objective of AS16 Eq. (9): for each epoch with the atoms each signal was coded over, which
+    /// move on, and at the end with the atoms returned.
     pub objective: Vec<f64>,
     /// Codes of the last pass that stopped before they were optimal.
     pub n_stopped: usize,
@@ -66,50 +72,36 @@ pub fn learn_dictionary(signals: &Signals, params: &SparseCodingParams, on_epoch
     let mut order: Vec<usize> = (0..n_signals).collect();
     let mut atoms = first_atoms(signals, n, &mut rng);
     let mut objective = Vec::with_capacity(params.epochs + 1);
-    let mut coded = code_all(signals, &atoms, params.sparsity);
-    objective.push(coded.mean_objective());
-
-    // The sums of Mairal 2010: code by code (n x n) and signal by code (n x rank, atom-major).
-    let (mut code_sum, mut signal_sum) = (vec![0.0; n * n], vec![0.0; n * rank]);
-    let mut n_batches = 0.0_f64;
+    let mut coded = Coded::zeros(n_signals);
+    let mut sums = Sums::zeros(n, rank);
     for epoch in 0..params.epochs {
         order.shuffle(&mut rng);
         for batch in order.chunks(params.batch.max(1)) {
-            n_batches += 1.0;
-            let fade = (1.0 - 1.0 / n_batches).powf(FADING);
-            code_sum.iter_mut().for_each(|x| *x *= fade);
-            signal_sum.iter_mut().for_each(|x| *x *= fade);
-            let gram = gram(&atoms, rank);
-            let codes: Vec<Vec<(u32, f64)>> = batch
-                .par_iter()
-                .map_init(Coder::default, |coder, &s| {
-                    coder.code(&gram, &atoms, signals.of(s), params.sparsity, false, LEARNING_TOLERANCE).0
-                })
-                .collect();
-            for (&s, code) in batch.iter().zip(&codes) {
-                for &(j, a) in code {
-                    let j = j as usize;
-                    for &(l, b) in code {
-                        code_sum[j * n + l as usize] += a * b;
-                    }
-                    add_scaled(&mut signal_sum[j * rank..(j + 1) * rank], a, signals.of(s));
-                }
+            let new = code_some(signals, batch, &coded.codes, &atoms, params.sparsity, false, LEARNING_TOLERANCE);
+            for (&s, new) in batch.iter().zip(new) {
+                sums.exchange(signals.of(s), &coded.codes[s], &new.code);
+                coded.put(s, new);
             }
-            update_atoms(&mut atoms, &code_sum, &signal_sum, rank);
-        }
-        coded = code_all(signals, &atoms, params.sparsity);
-        // Not after the last epoch: what is returned must be what was coded.
-        if epoch + 1 < params.epochs {
-            for j in reseed_unused(&mut atoms, signals, &coded) {
-                code_sum[j * n..(j + 1) * n].fill(0.0);
-                (0..n).for_each(|l| code_sum[l * n + j] = 0.0);
-                signal_sum[j * rank..(j + 1) * rank].fill(0.0);
-            }
+            sums.update_atoms(&mut atoms);
         }
         objective.push(coded.mean_objective());
+        // Not after the last epoch: nothing would make use of them.
+        if epoch + 1 < params.epochs {
+            for j in reseed_unused(&mut atoms, signals, &coded) {
+                sums.forget(j);
+            }
+        }
         on_epoch(epoch as u64 + 1);
     }
-    Dictionary { atoms, n_atoms: n, codes: coded.codes, objective, n_stopped: coded.n_stopped }
+    let all: Vec<usize> = (0..n_signals).collect();
+    for (s, new) in
+        code_some(signals, &all, &coded.codes, &atoms, params.sparsity, false, FINAL_TOLERANCE).into_iter().enumerate()
+    {
+        coded.put(s, new);
+    }
+    objective.push(coded.mean_objective());
+    let n_stopped = coded.n_stopped();
+    Dictionary { atoms, n_atoms: n, codes: coded.codes, objective, n_stopped }
 }
 
 /// Codes of all `signals` over the given atoms, not negative if so asked: Eq. (9) with the dictionary fixed.
@@ -121,15 +113,10 @@ pub fn code_signals(
     sparsity: f64,
     non_negative: bool,
 ) -> (Vec<Vec<(u32, f64)>>, usize) {
-    let gram = gram(atoms, signals.rank);
-    let coded: Vec<_> = (0..signals.n_strands())
-        .into_par_iter()
-        .map_init(Coder::default, |coder, s| {
-            coder.code(&gram, atoms, signals.of(s), sparsity, non_negative, FINAL_TOLERANCE)
-        })
-        .collect();
-    let n_stopped = coded.iter().filter(|(_, status)| *status == LassoStatus::Stopped).count();
-    (coded.into_iter().map(|(code, _)| code).collect(), n_stopped)
+    let all: Vec<usize> = (0..signals.n_strands()).collect();
+    let coded = code_some(signals, &all, &[], atoms, sparsity, non_negative, FINAL_TOLERANCE);
+    let n_stopped = coded.iter().filter(|c| c.status == LassoStatus::Stopped).count();
+    (coded.into_iter().map(|c| c.code).collect(), n_stopped)
 }
 
 /// `n` distinct signals of unit length, each drawn with a chance that goes with the energy the best of those before it
@@ -163,23 +150,39 @@ fn first_atoms(signals: &Signals, n: usize, rng: &mut Pcg64Mcg) -> Vec<f64> {
     atoms
 }
 
+/// The code of one signal: the atoms it uses, ascending, with their coefficients.
+struct Code {
+    code: Vec<(u32, f64)>,
+    /// Its term of Eq. (9).
+    objective: f64,
+    status: LassoStatus,
+}
+
+/// The latest codes of all signals, each over the atoms there were when it was coded.
 struct Coded {
     codes: Vec<Vec<(u32, f64)>>,
     objectives: Vec<f64>,
-    n_stopped: usize,
+    stopped: Vec<bool>,
 }
 
 impl Coded {
+    fn zeros(n: usize) -> Self {
+        Self { codes: vec![Vec::new(); n], objectives: vec![0.0; n], stopped: vec![false; n] }
+    }
+
+    fn put(&mut self, s: usize, new: Code) {
+        self.codes[s] = new.code;
+        self.objectives[s] = new.objective;
+        self.stopped[s] = new.status == LassoStatus::Stopped;
+    }
+
     fn mean_objective(&self) -> f64 {
         self.objectives.iter().sum::<f64>() / self.objectives.len() as f64
     }
-}
 
-fn code_all(signals: &Signals, atoms: &[f64], sparsity: f64) -> Coded {
-    let (codes, n_stopped) = code_signals(signals, atoms, sparsity, false);
-    let objectives =
-        codes.par_iter().enumerate().map(|(s, code)| objective(signals.of(s), atoms, code, sparsity)).collect();
-    Coded { codes, objectives, n_stopped }
+    fn n_stopped(&self) -> usize {
+        self.stopped.iter().filter(|s| **s).count()
+    }
 }
 
 /// |u - G a|² + β |a|₁ of one signal: its term of AS16 Eq. (9).
@@ -198,53 +201,121 @@ pub fn objective(signal: &[f64], atoms: &[f64], code: &[(u32, f64)], sparsity: f
 /// One thread's memory for coding.
 #[derive(Default)]
 struct Coder {
+    block: Vec<f64>,
     correlations: Vec<f64>,
     code: Vec<f64>,
     workspace: LassoWorkspace,
 }
 
-impl Coder {
-    fn code(
-        &mut self,
-        gram: &[f64],
-        atoms: &[f64],
-        signal: &[f64],
-        sparsity: f64,
-        non_negative: bool,
-        tolerance: f64,
-    ) -> (Vec<(u32, f64)>, LassoStatus) {
-        self.correlations.clear();
-        self.correlations.extend(atoms.chunks_exact(signal.len()).map(|atom| dot(atom, signal)));
-        let n_atoms = self.correlations.len();
-        self.code.resize(n_atoms, 0.0);
-        let lasso = Lasso { gram, n_atoms, penalty: sparsity, non_negative, tolerance };
-        let status = lasso.solve(&self.correlations, &mut self.code, &mut self.workspace);
-        let used = self.code.iter().enumerate().filter(|(_, a)| **a != 0.0).map(|(j, &a)| (j as u32, a)).collect();
-        (used, status)
-    }
+/// Codes the signals of `which`, each starting from its code in `start` where there is one. A code of before is a good
+/// start: atoms move little between two passes.
+fn code_some(
+    signals: &Signals,
+    which: &[usize],
+    start: &[Vec<(u32, f64)>],
+    atoms: &[f64],
+    sparsity: f64,
+    non_negative: bool,
+    tolerance: f64,
+) -> Vec<Code> {
+    let rank = signals.rank;
+    let n_atoms = atoms.len() / rank;
+    let gram = products(atoms, atoms, rank);
+    let lasso = Lasso { gram: &gram, n_atoms, penalty: sparsity, non_negative, tolerance };
+    let coded: Vec<Vec<Code>> = which
+        .par_chunks(BLOCK)
+        .map_init(Coder::default, |coder, some| {
+            coder.block.clear();
+            some.iter().for_each(|&s| coder.block.extend_from_slice(signals.of(s)));
+            coder.correlations.resize(some.len() * n_atoms, 0.0);
+            multiply(&mut coder.correlations, atoms, &coder.block, rank);
+            coder.code.resize(n_atoms, 0.0);
+            let each = some.iter().zip(coder.correlations.chunks_exact(n_atoms));
+            each.map(|(&s, correlations)| {
+                coder.code.fill(0.0);
+                start.get(s).into_iter().flatten().for_each(|&(j, a)| coder.code[j as usize] = a);
+                let status = lasso.solve(correlations, &mut coder.code, &mut coder.workspace);
+                let code: Vec<(u32, f64)> =
+                    coder.code.iter().enumerate().filter(|(_, a)| **a != 0.0).map(|(j, &a)| (j as u32, a)).collect();
+                let objective = objective(signals.of(s), atoms, &code, sparsity);
+                Code { code, objective, status }
+            })
+            .collect()
+        })
+        .collect();
+    coded.into_iter().flatten().collect()
 }
 
-/// Block coordinate descent on the sums, one atom after the other, each projected onto the unit ball.
-fn update_atoms(atoms: &mut [f64], code_sum: &[f64], signal_sum: &[f64], rank: usize) {
-    let n = atoms.len() / rank;
-    let mut step = vec![0.0; rank];
-    for j in 0..n {
-        let weight = code_sum[j * n + j];
-        if weight <= UNUSED {
-            continue;
-        }
-        step.copy_from_slice(&signal_sum[j * rank..(j + 1) * rank]);
-        for l in 0..n {
-            let shared = code_sum[j * n + l];
-            if shared != 0.0 {
-                add_scaled(&mut step, -shared, &atoms[l * rank..(l + 1) * rank]);
+/// The sufficient statistics of Mairal 2010, §3.1: code by code (A, n x n) and signal by code (B, n x rank, atom-major).
+struct Sums {
+    codes: Vec<f64>,
+    signals: Vec<f64>,
+    rank: usize,
+}
+
+impl Sums {
+    fn zeros(n: usize, rank: usize) -> Self {
+        Self { codes: vec![0.0; n * n], signals: vec![0.0; n * rank], rank }
+    }
+
+    /// Puts a signal's new code in the place of its old one. A departure from Mairal 2010, who lets old batches fade: with
+    /// all signals at hand nothing stale need stay.
+    fn exchange(&mut self, signal: &[f64], old: &[(u32, f64)], new: &[(u32, f64)]) {
+        let n = self.signals.len() / self.rank;
+        for (code, sign) in [(old, -1.0), (new, 1.0)] {
+            for &(j, a) in code {
+                let row = &mut self.codes[j as usize * n..(j as usize + 1) * n];
+                for &(l, b) in code {
+                    row[l as usize] += sign * a * b;
+                }
+                add_scaled(&mut self.signals[j as usize * self.rank..(j as usize + 1) * self.rank], sign * a, signal);
             }
         }
-        let atom = &mut atoms[j * rank..(j + 1) * rank];
-        add_scaled(atom, 1.0 / weight, &step);
-        let length = dot(atom, atom).sqrt();
-        if length > 1.0 {
-            atom.iter_mut().for_each(|x| *x /= length);
+    }
+
+    /// Drops all that is known of one atom.
+    fn forget(&mut self, j: usize) {
+        let n = self.signals.len() / self.rank;
+        self.codes[j * n..(j + 1) * n].fill(0.0);
+        (0..n).for_each(|l| self.codes[l * n + j] = 0.0);
+        self.signals[j * self.rank..(j + 1) * self.rank].fill(0.0);
+    }
+
+    /// Block coordinate descent on the sums (Mairal 2010, Algorithm 2), one atom after the other, each projected onto the
+    /// unit ball. What atoms of a block share with all atoms is one matrix product; what changed since within the block
+    /// is put right one by one.
+    fn update_atoms(&self, atoms: &mut [f64]) {
+        let rank = self.rank;
+        let n = atoms.len() / rank;
+        let mut shared = vec![0.0; UPDATED_AT_ONCE * rank];
+        let mut moved = vec![0.0; UPDATED_AT_ONCE * rank];
+        for first in (0..n).step_by(UPDATED_AT_ONCE) {
+            let last = (first + UPDATED_AT_ONCE).min(n);
+            let shared = &mut shared[..(last - first) * rank];
+            multiply_plain(shared, atoms, &self.codes[first * n..last * n], rank);
+            for j in first..last {
+                let at = j - first;
+                let weight = self.codes[j * n + j];
+                let (before, rest) = moved.split_at_mut(at * rank);
+                let change = &mut rest[..rank];
+                change.fill(0.0);
+                if weight <= UNUSED {
+                    continue;
+                }
+                add_scaled(change, 1.0 / weight, &self.signals[j * rank..(j + 1) * rank]);
+                add_scaled(change, -1.0 / weight, &shared[at * rank..(at + 1) * rank]);
+                for (l, moved) in before.chunks_exact(rank).enumerate() {
+                    add_scaled(change, -self.codes[j * n + first + l] / weight, moved);
+                }
+                let atom = &mut atoms[j * rank..(j + 1) * rank];
+                add_scaled(change, 1.0, atom);
+                let length = dot(change, change).sqrt().max(1.0);
+                for (x, new) in atom.iter_mut().zip(change.iter_mut()) {
+                    let bounded = *new / length;
+                    *new = bounded - *x;
+                    *x = bounded;
+                }
+            }
         }
     }
 }
@@ -263,17 +334,40 @@ fn reseed_unused(atoms: &mut [f64], signals: &Signals, coded: &Coded) -> Vec<usi
     unused
 }
 
-/// All products of atoms, `n_atoms * n_atoms`.
-fn gram(atoms: &[f64], rank: usize) -> Vec<f64> {
+/// All products of the vectors in `a` with those in `b`, b-major.
+fn products(a: &[f64], b: &[f64], rank: usize) -> Vec<f64> {
+    let (n_a, n_b) = (a.len() / rank, b.len() / rank);
+    let mut out = vec![0.0; n_a * n_b];
+    // Blocks of fixed size: the bytes must not depend on the number of threads.
+    out.par_chunks_mut(n_a * BLOCK).zip(b.par_chunks(rank * BLOCK)).for_each(|(out, b)| multiply(out, a, b, rank));
+    out
+}
+
+/// Products of the vectors in `a` with those in `b`, b-major, on this thread.
+fn multiply(out: &mut [f64], a: &[f64], b: &[f64], rank: usize) {
+    let (n_a, n_b) = (a.len() / rank, b.len() / rank);
+    matmul(
+        MatMut::from_column_major_slice_mut(out, n_a, n_b),
+        Accum::Replace,
+        MatRef::from_column_major_slice(a, rank, n_a).transpose(),
+        MatRef::from_column_major_slice(b, rank, n_b),
+        1.0,
+        Par::Seq,
+    );
+}
+
+/// Sums of all atoms, one for each row of `shares`.
+fn multiply_plain(out: &mut [f64], atoms: &[f64], shares: &[f64], rank: usize) {
     let n = atoms.len() / rank;
-    let mut gram = vec![0.0; n * n];
-    gram.par_chunks_mut(n).enumerate().for_each(|(j, row)| {
-        let atom = &atoms[j * rank..(j + 1) * rank];
-        for (x, other) in row.iter_mut().zip(atoms.chunks_exact(rank)) {
-            *x = dot(atom, other);
-        }
-    });
-    gram
+    let n_sums = shares.len() / n;
+    matmul(
+        MatMut::from_column_major_slice_mut(out, rank, n_sums),
+        Accum::Replace,
+        MatRef::from_column_major_slice(atoms, rank, n),
+        MatRef::from_column_major_slice(shares, n, n_sums),
+        1.0,
+        Par::Seq,
+    );
 }
 
 /// The vector scaled to length 1; unchanged when it has none.
@@ -282,19 +376,30 @@ fn unit(v: &[f64]) -> Vec<f64> {
     if length > 0.0 { v.iter().map(|x| x / length).collect() } else { v.to_vec() }
 }
 
-/// Four sums side by side: one would wait for itself at every term.
+/// Sixteen sums side by side: one would wait for itself at every term.
+#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
 pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sums = [0.0; 4];
-    let (mut a4, mut b4) = (a.chunks_exact(4), b.chunks_exact(4));
-    for (x, y) in (&mut a4).zip(&mut b4) {
-        for lane in 0..4 {
+    const SUMS: usize = 16;
+    let mut sums = [0.0; SUMS];
+    let (a_whole, a_rest) = a.as_chunks::<SUMS>();
+    let (b_whole, b_rest) = b.as_chunks::<SUMS>();
+    for (x, y) in a_whole.iter().zip(b_whole) {
+        for lane in 0..SUMS {
             sums[lane] += x[lane] * y[lane];
         }
     }
-    let rest: f64 = a4.remainder().iter().zip(b4.remainder()).map(|(x, y)| x * y).sum();
-    (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
+    let rest: f64 = a_rest.iter().zip(b_rest).map(|(x, y)| x * y).sum();
+    let mut n = SUMS;
+    while n > 1 {
+        n /= 2;
+        for lane in 0..n {
+            sums[lane] += sums[lane + n];
+        }
+    }
+    sums[0] + rest
 }
 
+#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
 fn add_scaled(out: &mut [f64], scale: f64, v: &[f64]) {
     for (x, y) in out.iter_mut().zip(v) {
         *x += scale * y;
@@ -360,7 +465,11 @@ mod tests {
         let (_, signals) = planted(6, 8, 120);
         let mut atoms: Vec<f64> = (0..6).flat_map(|s| unit(signals.of(s))).collect();
         atoms[8..16].fill(0.0);
-        let coded = code_all(&signals, &atoms, 0.15);
+        let mut coded = Coded::zeros(120);
+        let all: Vec<usize> = (0..120).collect();
+        for (s, new) in code_some(&signals, &all, &[], &atoms, 0.15, false, FINAL_TOLERANCE).into_iter().enumerate() {
+            coded.put(s, new);
+        }
         assert_eq!(reseed_unused(&mut atoms, &signals, &coded), [1]);
         assert!((dot(&atoms[8..16], &atoms[8..16]) - 1.0).abs() < 1e-12);
     }
