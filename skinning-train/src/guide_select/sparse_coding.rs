@@ -70,7 +70,8 @@ pub fn learn_dictionary(signals: &Signals, params: &SparseCodingParams, on_epoch
     assert!(n >= 1 && n <= n_signals, "{n} atoms cannot be learned from {n_signals} signals");
     let mut rng = Pcg64Mcg::seed_from_u64(params.seed);
     let mut order: Vec<usize> = (0..n_signals).collect();
-    let mut atoms = first_atoms(signals, n, &mut rng);
+    let energies: Vec<f64> = (0..n_signals).into_par_iter().map(|s| dot(signals.of(s), signals.of(s))).collect();
+    let mut atoms = first_atoms(signals, &energies, n, &mut rng);
     let mut objective = Vec::with_capacity(params.epochs + 1);
     let mut coded = Coded::zeros(n_signals);
     let mut sums = Sums::zeros(n, rank);
@@ -80,7 +81,7 @@ pub fn learn_dictionary(signals: &Signals, params: &SparseCodingParams, on_epoch
             let new = code_some(signals, batch, &coded.codes, &atoms, params.sparsity, false, LEARNING_TOLERANCE);
             for (&s, new) in batch.iter().zip(new) {
                 sums.exchange(signals.of(s), &coded.codes[s], &new.code);
-                coded.put(s, new);
+                coded.put(s, new, energies[s]);
             }
             sums.update_atoms(&mut atoms);
         }
@@ -94,14 +95,16 @@ pub fn learn_dictionary(signals: &Signals, params: &SparseCodingParams, on_epoch
         on_epoch(epoch as u64 + 1);
     }
     let all: Vec<usize> = (0..n_signals).collect();
-    for (s, new) in
-        code_some(signals, &all, &coded.codes, &atoms, params.sparsity, false, FINAL_TOLERANCE).into_iter().enumerate()
-    {
-        coded.put(s, new);
-    }
-    objective.push(coded.mean_objective());
-    let n_stopped = coded.n_stopped();
-    Dictionary { atoms, n_atoms: n, codes: coded.codes, objective, n_stopped }
+    let last = code_some(signals, &all, &coded.codes, &atoms, params.sparsity, false, FINAL_TOLERANCE);
+    let n_stopped = last.iter().filter(|c| c.status == LassoStatus::Stopped).count();
+    let terms: Vec<f64> = last
+        .par_iter()
+        .enumerate()
+        .map(|(s, c)| self::objective(signals.of(s), &atoms, &c.code, params.sparsity))
+        .collect();
+    objective.push(terms.iter().sum::<f64>() / n_signals as f64);
+    let codes = last.into_iter().map(|c| c.code).collect();
+    Dictionary { atoms, n_atoms: n, codes, objective, n_stopped }
 }
 
 /// Codes of all `signals` over the given atoms, not negative if so asked: Eq. (9) with the dictionary fixed.
@@ -121,9 +124,8 @@ pub fn code_signals(
 
 /// `n` distinct signals of unit length, each drawn with a chance that goes with the energy the best of those before it
 /// leaves unexplained: plain random draws would crowd where hair is dense.
-fn first_atoms(signals: &Signals, n: usize, rng: &mut Pcg64Mcg) -> Vec<f64> {
-    let energy = |s: usize| dot(signals.of(s), signals.of(s));
-    let mut left: Vec<f64> = (0..signals.n_strands()).map(energy).collect();
+fn first_atoms(signals: &Signals, energies: &[f64], n: usize, rng: &mut Pcg64Mcg) -> Vec<f64> {
+    let mut left = energies.to_vec();
     let mut atoms = Vec::with_capacity(n * signals.rank);
     let mut drawn = vec![false; left.len()];
     for _ in 0..n {
@@ -143,7 +145,7 @@ fn first_atoms(signals: &Signals, n: usize, rng: &mut Pcg64Mcg) -> Vec<f64> {
         let atom = unit(signals.of(chosen));
         left.par_iter_mut().enumerate().for_each(|(s, left)| {
             let along = dot(signals.of(s), &atom);
-            *left = left.min((energy(s) - along * along).max(0.0));
+            *left = left.min((energies[s] - along * along).max(0.0));
         });
         atoms.extend(atom);
     }
@@ -153,35 +155,30 @@ fn first_atoms(signals: &Signals, n: usize, rng: &mut Pcg64Mcg) -> Vec<f64> {
 /// The code of one signal: the atoms it uses, ascending, with their coefficients.
 struct Code {
     code: Vec<(u32, f64)>,
-    /// Its term of Eq. (9).
-    objective: f64,
+    /// Its term of Eq. (9) without the signal's energy: what the code saves, negative.
+    saved: f64,
     status: LassoStatus,
 }
 
 /// The latest codes of all signals, each over the atoms there were when it was coded.
 struct Coded {
     codes: Vec<Vec<(u32, f64)>>,
+    /// Terms of Eq. (9), up to round-off of a signal's energy.
     objectives: Vec<f64>,
-    stopped: Vec<bool>,
 }
 
 impl Coded {
     fn zeros(n: usize) -> Self {
-        Self { codes: vec![Vec::new(); n], objectives: vec![0.0; n], stopped: vec![false; n] }
+        Self { codes: vec![Vec::new(); n], objectives: vec![0.0; n] }
     }
 
-    fn put(&mut self, s: usize, new: Code) {
+    fn put(&mut self, s: usize, new: Code, energy: f64) {
         self.codes[s] = new.code;
-        self.objectives[s] = new.objective;
-        self.stopped[s] = new.status == LassoStatus::Stopped;
+        self.objectives[s] = energy + new.saved;
     }
 
     fn mean_objective(&self) -> f64 {
         self.objectives.iter().sum::<f64>() / self.objectives.len() as f64
-    }
-
-    fn n_stopped(&self) -> usize {
-        self.stopped.iter().filter(|s| **s).count()
     }
 }
 
@@ -237,8 +234,14 @@ fn code_some(
                 let status = lasso.solve(correlations, &mut coder.code, &mut coder.workspace);
                 let code: Vec<(u32, f64)> =
                     coder.code.iter().enumerate().filter(|(_, a)| **a != 0.0).map(|(j, &a)| (j as u32, a)).collect();
-                let objective = objective(signals.of(s), atoms, &code, sparsity);
-                Code { code, objective, status }
+                // |u - G a|² - |u|² is aᵀ GᵀG a - 2 aᵀ Gᵀu.
+                let mut saved = 0.0;
+                for &(j, a) in &code {
+                    let row = &gram[j as usize * n_atoms..(j as usize + 1) * n_atoms];
+                    let along: f64 = code.iter().map(|&(l, b)| row[l as usize] * b).sum();
+                    saved += a * (along - 2.0 * correlations[j as usize]) + sparsity * a.abs();
+                }
+                Code { code, saved, status }
             })
             .collect()
         })
@@ -265,11 +268,19 @@ impl Sums {
         for (code, sign) in [(old, -1.0), (new, 1.0)] {
             for &(j, a) in code {
                 let row = &mut self.codes[j as usize * n..(j as usize + 1) * n];
-                for &(l, b) in code {
-                    row[l as usize] += sign * a * b;
-                }
-                add_scaled(&mut self.signals[j as usize * self.rank..(j as usize + 1) * self.rank], sign * a, signal);
+                code.iter().for_each(|&(l, b)| row[l as usize] += sign * a * b);
             }
+        }
+        // Most atoms are in both, and both are ascending.
+        let (mut old, mut new) = (old.iter().peekable(), new.iter().peekable());
+        while let Some(&&(j, _)) = match (old.peek(), new.peek()) {
+            (Some(o), Some(n)) => Some(if o.0 < n.0 { o } else { n }),
+            (one, other) => one.or(other),
+        } {
+            let gone = old.next_if(|o| o.0 == j).map_or(0.0, |o| o.1);
+            let come = new.next_if(|n| n.0 == j).map_or(0.0, |n| n.1);
+            let at = j as usize * self.rank;
+            add_scaled(&mut self.signals[at..at + self.rank], come - gone, signal);
         }
     }
 
@@ -468,7 +479,7 @@ mod tests {
         let mut coded = Coded::zeros(120);
         let all: Vec<usize> = (0..120).collect();
         for (s, new) in code_some(&signals, &all, &[], &atoms, 0.15, false, FINAL_TOLERANCE).into_iter().enumerate() {
-            coded.put(s, new);
+            coded.put(s, new, dot(signals.of(s), signals.of(s)));
         }
         assert_eq!(reseed_unused(&mut atoms, &signals, &coded), [1]);
         assert!((dot(&atoms[8..16], &atoms[8..16]) - 1.0).abs() < 1e-12);
