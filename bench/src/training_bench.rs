@@ -23,10 +23,20 @@ const MOST: usize = 9;
 pub struct Problem {
     /// Number of guides.
     pub k: usize,
-    /// Gram matrix of residuals (cm²), ridge included.
+    /// Gram matrix of residuals (cm²).
     pub h: Square,
-    /// What was added to the diagonal.
+    /// What is added to its diagonal.
     pub ridge: f64,
+}
+
+impl Problem {
+    /// The matrix whose form is minimised.
+    #[must_use]
+    pub fn ridged(&self) -> Square {
+        let mut h = self.h;
+        (0..self.k).for_each(|g| h[g][g] += self.ridge);
+        h
+    }
 }
 
 /// `n` problems of `k` guides from a seed, every tenth of them degenerate in one of several ways.
@@ -61,9 +71,7 @@ fn random_problem(k: usize, at: usize, rng: &mut Pcg64Mcg) -> Problem {
             h[a][b] = residuals[a].iter().zip(&residuals[b]).map(|(x, y)| x * y).sum();
         }
     }
-    let ridge = ridge(&h, k, n_rows / 3);
-    (0..k).for_each(|g| h[g][g] += ridge);
-    Problem { k, h, ridge }
+    Problem { k, h, ridge: ridge(&h, k, n_rows / 3) }
 }
 
 /// How the walk and the general solver agree.
@@ -89,14 +97,14 @@ pub fn agreement(n: usize, seed: u64) -> Agreement {
         let problems = random_problems(k, n.div_ceil(MOST - 1), seed + k as u64);
         walk(&mut lanes, k, &problems);
         for (at, problem) in problems.iter().enumerate() {
-            let Some(general) = solve_general(&problem.h, k, 0.0) else {
+            let Some(general) = solve_general(&problem.h, k, problem.ridge) else {
                 found.given_up += 1;
                 continue;
             };
             let mut w = [0.0; MOST];
             (0..k).for_each(|g| w[g] = lanes.weight((1 << k) - 1, g, at));
-            let ours = quadratic_form_exactly(&problem.h, k, &w);
-            let general = quadratic_form_exactly(&problem.h, k, &general);
+            let ours = quadratic_form_exactly(&problem.ridged(), k, &w);
+            let general = quadratic_form_exactly(&problem.ridged(), k, &general);
             found.compared += 1;
             found.walk_above = found.walk_above.max(ours / general - 1.0);
             found.general_above = found.general_above.max(general / ours - 1.0);
@@ -105,11 +113,11 @@ pub fn agreement(n: usize, seed: u64) -> Agreement {
     found
 }
 
-/// All subsets of some problems of `k` guides, whose ridge is in their matrices already.
+/// All subsets of some problems of `k` guides.
 fn walk(lanes: &mut SubsetLanes, k: usize, problems: &[Problem]) {
     lanes.reset(k, problems.len());
     for (at, problem) in problems.iter().enumerate() {
-        lanes.set(at, &problem.h, f64::MIN_POSITIVE);
+        lanes.set(at, &problem.h, problem.ridge);
     }
     lanes.solve();
 }
@@ -146,12 +154,11 @@ pub fn speed() -> Result<Vec<Row>, Error> {
         let mut lanes = SubsetLanes::default();
         let fast = per_second(problems.len(), || problems.chunks(AT_ONCE).for_each(|some| walk(&mut lanes, k, some)));
         let mut plain = SubsetWeights::default();
-        let slow =
-            per_second(problems.len(), || problems.iter().for_each(|p| plain.solve(&p.h, k, f64::MIN_POSITIVE)));
+        let slow = per_second(problems.len(), || problems.iter().for_each(|p| plain.solve(&p.h, k, p.ridge)));
         let few = &problems[..AT_ONCE];
         let general = per_second(few.len(), || {
             for p in few {
-                std::hint::black_box(interior_point(&p.h, k, 1.0, false));
+                std::hint::black_box(interior_point(&p.ridged(), k, 1.0, false));
             }
         });
         let subsets = ((1 << k) - 1) as f64;

@@ -310,7 +310,8 @@ mod tests {
         let long = Signals { rank: 70, coords, scale: 1.0, lost_energy: 0.0 };
         let short = long.in_own_span();
         assert_eq!((short.rank, short.n_strands()), (5, 5));
-        let product = |s: &Signals, a: usize, b: usize| -> f64 { s.of(a).iter().zip(s.of(b)).map(|(x, y)| x * y).sum() };
+        let product =
+            |s: &Signals, a: usize, b: usize| -> f64 { s.of(a).iter().zip(s.of(b)).map(|(x, y)| x * y).sum() };
         for a in 0..5 {
             for b in 0..5 {
                 assert!((product(&long, a, b) - product(&short, a, b)).abs() < 1e-12, "signals {a}, {b}");

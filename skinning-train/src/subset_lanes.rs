@@ -333,3 +333,84 @@ fn inner_optimum<const SIZE: usize>(factor: &mut Factor, h: &[Lane; SIZE], ridge
     });
     x
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng};
+    use rand_pcg::Pcg64Mcg;
+
+    use super::*;
+    use crate::subset_weights::{SubsetWeights, ridge};
+
+    /// Gram matrices of residuals of `k` guides, degenerate ones among them.
+    fn problems(rng: &mut Pcg64Mcg, k: usize, n: usize) -> Vec<(Square, f64)> {
+        (0..n)
+            .map(|at| {
+                let n_rows = [1, 3, 8, 40][at % 4];
+                let shared: Vec<f64> = (0..n_rows).map(|_| rng.random_range(-1.0..1.0)).collect();
+                let size = [0.0, 0.01, 1.0][at % 3];
+                let mut of_guides: Vec<Vec<f64>> =
+                    (0..k).map(|_| shared.iter().map(|c| c + size * rng.random_range(-1.0..1.0)).collect()).collect();
+                match at % 7 {
+                    // All guides the same; two of them; one without error; none with any.
+                    1 => of_guides = vec![shared; k],
+                    2 => of_guides[0] = of_guides[k - 1].clone(),
+                    3 => of_guides[k / 2].fill(0.0),
+                    4 => of_guides.iter_mut().for_each(|g| g.fill(0.0)),
+                    _ => {}
+                }
+                let mut h = [[0.0; MAX_ELIGIBLE]; MAX_ELIGIBLE];
+                for a in 0..k {
+                    for b in 0..k {
+                        h[a][b] = of_guides[a].iter().zip(&of_guides[b]).map(|(x, y)| x * y).sum();
+                    }
+                }
+                (h, ridge(&h, k, n_rows))
+            })
+            .collect()
+    }
+
+    fn check(lanes: &mut SubsetLanes, k: usize, problems: &[(Square, f64)]) {
+        lanes.reset(k, problems.len());
+        for (at, (h, ridge)) in problems.iter().enumerate() {
+            lanes.set(at, h, *ridge);
+        }
+        lanes.solve();
+        let mut plain = SubsetWeights::default();
+        for (at, (h, ridge)) in problems.iter().enumerate() {
+            plain.solve(h, k, *ridge);
+            for mask in 1..1_usize << k {
+                let (ours, expected) = (lanes.objective(mask, at), plain.objective(mask as u16));
+                assert_eq!(ours.to_bits(), expected.to_bits(), "problem {at}, mask {mask:b}: {ours:e} {expected:e}");
+                for g in 0..k {
+                    let (ours, expected) = (lanes.weight(mask, g, at), plain.of(mask as u16)[g]);
+                    assert_eq!(ours.to_bits(), expected.to_bits(), "problem {at}, mask {mask:b}, guide {g}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn every_lane_has_the_bits_of_the_plain_walk() {
+        let mut rng = Pcg64Mcg::seed_from_u64(17);
+        let mut lanes = SubsetLanes::default();
+        for k in 1..=MAX_ELIGIBLE {
+            // One lane, whole groups, a group and some; the same memory for all, twice in a row of one shape.
+            for n in [1, 8, 24, 27, 30, 7] {
+                check(&mut lanes, k, &problems(&mut rng, k, n));
+            }
+        }
+    }
+
+    #[test]
+    fn lanes_left_over_say_nothing_but_are_numbers() {
+        let mut rng = Pcg64Mcg::seed_from_u64(3);
+        let mut lanes = SubsetLanes::default();
+        check(&mut lanes, 5, &problems(&mut rng, 5, 3));
+        for mask in 1..1 << 5 {
+            for g in 0..5 {
+                assert!(lanes.weights(mask, g).iter().all(|w| w.0.iter().all(|w| (0.0..=1.0).contains(w))));
+            }
+        }
+    }
+}

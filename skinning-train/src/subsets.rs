@@ -197,13 +197,7 @@ fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
 
 /// Sum over particles of wᵀ H w (cm²), for weights of the guides in `mask`, guide-major.
 #[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
-fn squared_error(
-    gram: &StrandGram,
-    mask: usize,
-    weights: &[f64],
-    sums: &mut Vec<f64>,
-    products: &mut Vec<f64>,
-) -> f64 {
+fn squared_error(gram: &StrandGram, mask: usize, weights: &[f64], sums: &mut Vec<f64>, products: &mut Vec<f64>) -> f64 {
     let (k, n) = (gram.n_guides, gram.n_particles);
     sums.clear();
     sums.resize(n, 0.0);

@@ -423,6 +423,8 @@ mod tests {
 
     /// Rises of the objective between epochs that mini-batches may cause, relative.
     const BATCH_NOISE: f64 = 0.02;
+    /// Of sums of some hundred products near one.
+    const ROUND_OFF: f64 = 1e-12;
     /// Learning starts from signals drawn well apart, so little is left to gain here.
     const LEAST_GAIN: f64 = 0.98;
 
@@ -452,7 +454,11 @@ mod tests {
         let (_, signals) = planted(12, 16, 600);
         let dictionary = learn_dictionary(&signals, &params(12), &mut |_| {});
         let o = &dictionary.objective;
-        assert!(o[o.len() - 1] < LEAST_GAIN * o[0], "{o:?}");
+        let energies: Vec<f64> = (0..600).map(|s| dot(signals.of(s), signals.of(s))).collect();
+        let first = first_atoms(&signals, &energies, 12, &mut Pcg64Mcg::seed_from_u64(params(12).seed));
+        let (codes, _) = code_signals(&signals, &first, 0.15, false);
+        let at_first = (0..600).map(|s| objective(signals.of(s), &first, &codes[s], 0.15)).sum::<f64>() / 600.0;
+        assert!(o[o.len() - 1] < LEAST_GAIN * at_first, "{at_first}, then {o:?}");
         assert!(o.windows(2).all(|w| w[1] <= w[0] * (1.0 + BATCH_NOISE)), "{o:?}");
         let total: f64 =
             (0..600).map(|s| objective(signals.of(s), &dictionary.atoms, &dictionary.codes[s], 0.15)).sum();
@@ -483,5 +489,80 @@ mod tests {
         }
         assert_eq!(reseed_unused(&mut atoms, &signals, &coded), [1]);
         assert!((dot(&atoms[8..16], &atoms[8..16]) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn sums_hold_the_latest_code_of_every_signal() {
+        let (_, signals) = planted(6, 8, 40);
+        let mut rng = Pcg64Mcg::seed_from_u64(12);
+        let mut sums = Sums::zeros(6, 8);
+        let mut codes: Vec<Vec<(u32, f64)>> = vec![Vec::new(); 40];
+        for round in 0..3 {
+            for (s, code) in codes.iter_mut().enumerate() {
+                let new: Vec<(u32, f64)> = (0..6)
+                    .filter(|j| (s + round + j) % 3 != 0)
+                    .map(|j| (j as u32, rng.random_range(-1.0..1.0)))
+                    .collect();
+                sums.exchange(signals.of(s), code, &new);
+                *code = new;
+            }
+        }
+        let (mut by_code, mut by_signal) = (vec![0.0; 36], vec![0.0; 48]);
+        for (s, code) in codes.iter().enumerate() {
+            for &(j, a) in code {
+                code.iter().for_each(|&(l, b)| by_code[j as usize * 6 + l as usize] += a * b);
+                (0..8).for_each(|d| by_signal[j as usize * 8 + d] += a * signals.of(s)[d]);
+            }
+        }
+        let far = |a: &[f64], b: &[f64]| a.iter().zip(b).fold(0.0_f64, |m, (x, y)| m.max((x - y).abs()));
+        assert!(far(&sums.codes, &by_code) < ROUND_OFF && far(&sums.signals, &by_signal) < ROUND_OFF);
+    }
+
+    #[test]
+    fn blocks_of_atoms_move_as_one_atom_after_the_other_would() {
+        // More atoms than a block, and a dimension that fills no vector.
+        let (n, rank) = (UPDATED_AT_ONCE + 9, 19);
+        let (_, signals) = planted(n, rank, 300);
+        let mut rng = Pcg64Mcg::seed_from_u64(5);
+        let mut atoms: Vec<f64> = (0..n).flat_map(|s| unit(signals.of(s))).collect();
+        let mut sums = Sums::zeros(n, rank);
+        for s in 0..300 {
+            let mut code: Vec<(u32, f64)> =
+                (0..4).map(|_| (rng.random_range(0..n as u32), rng.random_range(-1.0..1.0))).collect();
+            code.sort_by_key(|c| c.0);
+            code.dedup_by_key(|c| c.0);
+            sums.exchange(signals.of(s), &[], &code);
+        }
+        let mut plain = atoms.clone();
+        for j in 0..n {
+            let weight = sums.codes[j * n + j];
+            if weight > UNUSED {
+                let mut step = sums.signals[j * rank..(j + 1) * rank].to_vec();
+                for l in 0..n {
+                    add_scaled(&mut step, -sums.codes[j * n + l], &plain[l * rank..(l + 1) * rank]);
+                }
+                let atom = &mut plain[j * rank..(j + 1) * rank];
+                add_scaled(atom, 1.0 / weight, &step);
+                let length = dot(atom, atom).sqrt().max(1.0);
+                atom.iter_mut().for_each(|x| *x /= length);
+            }
+        }
+        sums.update_atoms(&mut atoms);
+        for (x, expected) in atoms.iter().zip(&plain) {
+            assert!((x - expected).abs() < ROUND_OFF, "{x} {expected}");
+        }
+    }
+
+    #[test]
+    fn the_dictionary_has_the_same_bytes_for_any_number_of_threads() {
+        let (_, signals) = planted(12, 16, 600);
+        let learn = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool of threads");
+            pool.install(|| learn_dictionary(&signals, &params(12), &mut |_| {}))
+        };
+        let one = learn(1);
+        for threads in [2, 8] {
+            assert!(learn(threads) == one, "{threads} threads");
+        }
     }
 }

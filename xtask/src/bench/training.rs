@@ -34,7 +34,11 @@ pub fn run(args: Args) -> Result<()> {
     for (_, part) in PARTS.iter().filter(|p| wanted(p.0)) {
         for (name, unit, value) in part()? {
             // Rates run to hundreds of millions, errors to the last bit.
-            let shown = if value == 0.0 || (1e-3..1e6).contains(&value) { format!("{value:.3}") } else { format!("{value:.3e}") };
+            let shown = if value == 0.0 || (1e-3..1e6).contains(&value) {
+                format!("{value:.3}")
+            } else {
+                format!("{value:.3e}")
+            };
             println!("{name:<36} {shown:>12} {unit}");
             figures.insert(name.to_owned(), json!(value));
         }
