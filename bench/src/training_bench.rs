@@ -4,15 +4,24 @@
 //! than guides, or no error at all. Objectives are compared as exactly as the matrix is given, in twice the precision:
 //! where the optimum is a billionth of the diagonal, plain evaluation is off by more than what is asked.
 
+use adaptive_runtime::record_of;
+use collision::{MovingSolid, SolidPose};
 use cpu_time::ThreadTime;
+use io_formats::{FrameInfo, MemoryFrames};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use skinning_train::subset_lanes::SubsetLanes;
 use skinning_train::subset_weights::{
     Square, SubsetWeights, interior_point, quadratic_form_exactly, ridge, solve_general,
 };
+use skinning_train::{TrainInputs, TrainParams, train};
+use strand_sim::{Material, StepParams};
 
 use crate::error::Error;
+use crate::full_space::{FullSpace, settle};
+use crate::grooms::{GroomParams, Style, generate};
+use crate::head_motion::{HeadMotionParams, random_head_motion};
+use crate::shapes;
 use crate::strand_bench::Row;
 
 /// Guides of the largest problem.
@@ -173,6 +182,62 @@ pub fn speed() -> Result<Vec<Row>, Error> {
         rows.push((names[3], "1/s", general));
     }
     Ok(rows)
+}
+
+/// Errors of weights fitted along the strand by degree, on frames of a generated head that moves at random: as shares of the
+/// free weights (RMS of the difference over RMS), and as RMS positions over those of free weights (AS16 Eq. 7's residual).
+///
+/// # Errors
+/// Strands that cannot be simulated, frames that cannot be trained from.
+pub fn fits() -> Result<Vec<Row>, Error> {
+    const STRANDS: usize = 1500;
+    const GUIDES: usize = 60;
+    const PARTICLES: usize = 25;
+    const SEQUENCES: u32 = 2;
+    const SECONDS: f64 = 2.0;
+    const STEP_S: f64 = 0.01;
+    const STEPS_A_FRAME: usize = 4;
+    let head = shapes::head()?;
+    let groom = generate(&GroomParams {
+        style: Style::Straight,
+        strands: STRANDS,
+        particles: PARTICLES,
+        length_cm: 25.0,
+        seed: 3,
+        head: &head,
+    })?;
+    let params = StepParams::standard();
+    let material = Material::straight();
+    let rest = settle(&groom, &head, material, &params, |_| {})?;
+    let mut frames = MemoryFrames::new(STRANDS, PARTICLES);
+    let mut positions = Vec::new();
+    for sequence in 0..SEQUENCES {
+        let motion = random_head_motion(11, u64::from(sequence), SECONDS, &HeadMotionParams::lively());
+        let mut full = FullSpace::new(&groom, &rest, &head, material, &params)?;
+        for step in 1..=(SECONDS / STEP_S).round() as usize {
+            let now = step as f64 * STEP_S;
+            let (from, to) = (motion.pose_at(now - STEP_S), motion.pose_at(now));
+            full.step(STEP_S, &to, &[MovingSolid { solid: &head, pose: SolidPose { from, to } }]);
+            if step % STEPS_A_FRAME == 0 {
+                full.positions_in_head(&mut positions);
+                frames.push(FrameInfo { sequence, time_s: now }, &positions)?;
+            }
+        }
+    }
+    let inputs = TrainInputs { rest: &rest, groom: &groom, material: record_of(&material), provenance: 0 };
+    let (_, report) = train(&frames, &inputs, &TrainParams::standard(GUIDES), &mut |_| {})?;
+    let fit = &report.fit;
+    let of_weights = |error: f64| 100.0 * error / fit.free_weight;
+    let of_positions = |error: f64| 100.0 * (error / fit.free_cm - 1.0);
+    Ok(vec![
+        ("linear_error_pct", "%", of_weights(fit.linear_weight)),
+        ("quadratic_error_pct", "%", of_weights(fit.quadratic_weight)),
+        ("cubic_error_pct", "%", of_weights(fit.cubic_weight)),
+        ("linear_residual_excess_pct", "%", of_positions(fit.linear_cm)),
+        ("quadratic_residual_excess_pct", "%", of_positions(fit.quadratic_cm)),
+        ("cubic_residual_excess_pct", "%", of_positions(fit.cubic_cm)),
+        ("free_residual_cm", "cm", fit.free_cm),
+    ])
 }
 
 /// How often a second `work` does `n` things, on this thread: the best of several turns.

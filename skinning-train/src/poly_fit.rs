@@ -6,7 +6,7 @@
 //! weights are used, here as in the runtime.
 
 use io_formats::WeightPoly;
-use nalgebra::{DMatrix, Matrix2, Matrix3, Vector2, Vector3};
+use nalgebra::{DMatrix, Matrix2, Matrix3, Matrix4, Vector2, Vector3, Vector4};
 
 /// quad u² + lin u + con, as fitted.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -40,6 +40,23 @@ impl Quadratic {
     }
 }
 
+/// cub u³ + quad u² + lin u + con: no model keeps it, only errors are compared (AS16 §6.1).
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Cubic {
+    /// Coefficient of u³.
+    pub cub: f64,
+    /// The rest.
+    pub rest: Quadratic,
+}
+
+impl Cubic {
+    /// The value at `u` in 0 (root) to 1 (tip).
+    #[must_use]
+    pub fn at(&self, u: f64) -> f64 {
+        ((self.cub * u + self.rest.quad) * u + self.rest.lin) * u + self.rest.con
+    }
+}
+
 /// The least-squares projections for one particle count.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PolyFit {
@@ -49,6 +66,8 @@ pub struct PolyFit {
     pub quadratic: Vec<[f64; 3]>,
     /// Per particle, what a unit of weight there adds to slope and value at the root of the best straight line.
     pub linear: Vec<[f64; 2]>,
+    /// Per particle, what a unit of weight there adds to cub, quad, lin, con; of three particles, the quadratic.
+    pub cubic: Vec<[f64; 4]>,
 }
 
 impl PolyFit {
@@ -67,7 +86,16 @@ impl PolyFit {
         let line_inverse = line.try_inverse()?;
         let quadratic = u.iter().map(|&u| (inverse * Vector3::new(u * u, u, 1.0)).into()).collect();
         let linear = u.iter().map(|&u| (line_inverse * Vector2::new(u, 1.0)).into()).collect();
-        Some(Self { u, quadratic, linear })
+        let quadratic: Vec<[f64; 3]> = quadratic;
+        let cubic = if n_particles == 3 {
+            quadratic.iter().map(|&[quad, lin, con]| [0.0, quad, lin, con]).collect()
+        } else {
+            let powers = |u: f64| Vector4::new(u * u * u, u * u, u, 1.0);
+            let products: Matrix4<f64> = u.iter().map(|&u| powers(u) * powers(u).transpose()).sum();
+            let inverse = products.try_inverse()?;
+            u.iter().map(|&u| (inverse * powers(u)).into()).collect()
+        };
+        Some(Self { u, quadratic, linear, cubic })
     }
 
     /// Number of particles.
@@ -107,6 +135,24 @@ impl PolyFit {
     }
 }
 
+impl PolyFit {
+    /// The cubic nearest to `weights`, one per particle.
+    ///
+    /// # Panics
+    /// If there are fewer weights than particles.
+    #[must_use]
+    pub fn fit_cubic(&self, weights: &[f64]) -> Cubic {
+        let mut q = Cubic::default();
+        for (i, share) in self.cubic.iter().enumerate() {
+            q.cub += share[0] * weights[i];
+            q.rest.quad += share[1] * weights[i];
+            q.rest.lin += share[2] * weights[i];
+            q.rest.con += share[3] * weights[i];
+        }
+        q
+    }
+}
+
 /// Evaluates the quadratics of one set at `u`, clamps negative values and scales the rest to sum to one; weights past the
 /// set are left. The unclamped sum is one, so what remains cannot vanish.
 pub fn weights_at(set: &[Quadratic], u: f64, out: &mut [f64]) {
@@ -127,7 +173,7 @@ mod tests {
 
     use super::*;
 
-    /// Round-off of a 3 x 3 normal system with condition near 1e3.
+    /// Round-off of normal systems of up to 4 x 4 with condition near 1e4.
     const ROUND_OFF: f64 = 1e-11;
 
     #[test]
@@ -154,6 +200,13 @@ mod tests {
                 assert!(product.abs() < ROUND_OFF, "degree {degree}: {product:e}");
             }
         }
+        let cubic = fit.fit_cubic(&weights);
+        for degree in 0..4 {
+            let product: f64 = fit.u.iter().zip(&weights).map(|(&u, w)| (w - cubic.at(u)) * u.powi(degree)).sum();
+            assert!(product.abs() < ROUND_OFF, "degree {degree}: {product:e}");
+        }
+        let flat = PolyFit::new(3).expect("three particles");
+        assert_eq!(flat.fit_cubic(&weights[..3]), Cubic { cub: 0.0, rest: flat.fit(&weights[..3]) });
         assert!(PolyFit::new(2).is_none());
     }
 

@@ -43,10 +43,16 @@ pub struct FullSetError {
     pub quadratic_squared_cm: f64,
     /// The same with weights linear along the strand.
     pub linear_squared_cm: f64,
+    /// The same with weights cubic along the strand.
+    pub cubic_squared_cm: f64,
+    /// Mean squared free weight; zero for a strand of one guide, whose weight is one by definition.
+    pub free_weight_squared: f64,
     /// Mean squared difference of the quadratics, as used, to the free weights.
     pub quadratic_weight_squared: f64,
     /// Mean squared difference of the straight lines, as used, to the free weights.
     pub linear_weight_squared: f64,
+    /// Mean squared difference of the cubics, as used, to the free weights.
+    pub cubic_weight_squared: f64,
 }
 
 /// One thread's memory for [`strand_sets`].
@@ -230,16 +236,27 @@ fn full_set_error(gram: &StrandGram, per_point: f64, fit: &PolyFit, ws: &mut Sub
         free_squared_cm: per_point * squared_error(gram, full, &free, &mut ws.sums, &mut ws.products),
         ..FullSetError::default()
     };
-    let mut one = |set: &[Quadratic]| {
-        evaluate(set, fit, &mut ws.used, &mut ws.sums);
-        let weight = ws.used.iter().zip(&free).map(|(a, b)| (a - b) * (a - b)).sum::<f64>() / (k * n) as f64;
-        (per_point * squared_error(gram, full, &ws.used, &mut ws.sums, &mut ws.products), weight)
+    if k > 1 {
+        error.free_weight_squared = free.iter().map(|w| w * w).sum::<f64>() / (k * n) as f64;
+    }
+    let SubsetsWorkspace { used, sums, products, .. } = ws;
+    let mut against_free = |used: &[f64], sums: &mut Vec<f64>| {
+        let weight = used.iter().zip(&free).map(|(a, b)| (a - b) * (a - b)).sum::<f64>() / (k * n) as f64;
+        (per_point * squared_error(gram, full, used, sums, products), weight)
     };
-    let per_guide =
-        |fitted: &dyn Fn(&[f64]) -> Quadratic| -> Vec<Quadratic> { free.chunks_exact(n).map(fitted).collect() };
-    let stored = per_guide(&|weights| Quadratic::from_bits(fit.fit(weights).to_bits()));
-    (error.quadratic_squared_cm, error.quadratic_weight_squared) = one(&stored);
-    (error.linear_squared_cm, error.linear_weight_squared) = one(&per_guide(&|weights| fit.fit_line(weights)));
+    let of_guides = || free.chunks_exact(n);
+    let stored: Vec<_> = of_guides().map(|weights| Quadratic::from_bits(fit.fit(weights).to_bits())).collect();
+    evaluate(&stored, fit, used, sums);
+    (error.quadratic_squared_cm, error.quadratic_weight_squared) = against_free(used, sums);
+    let lines: Vec<_> = of_guides().map(|weights| fit.fit_line(weights)).collect();
+    evaluate(&lines, fit, used, sums);
+    (error.linear_squared_cm, error.linear_weight_squared) = against_free(used, sums);
+    let cubics: Vec<_> = of_guides().map(|weights| fit.fit_cubic(weights)).collect();
+    for (i, &u) in fit.u.iter().enumerate() {
+        let total: f64 = cubics.iter().map(|q| q.at(u).max(0.0)).sum();
+        cubics.iter().enumerate().for_each(|(g, q)| used[g * n + i] = q.at(u).max(0.0) / total);
+    }
+    (error.cubic_squared_cm, error.cubic_weight_squared) = against_free(used, sums);
     ws.free = free;
     error
 }
@@ -344,6 +361,9 @@ mod tests {
         }
         assert!(sets.full.free_squared_cm.sqrt() < ROUND_OFF_CM, "{:?}", sets.full);
         assert!(sets.full.linear_squared_cm > sets.full.quadratic_squared_cm);
+        // Cubics are not rounded, and a quadratic is a cubic.
+        assert!(sets.full.cubic_squared_cm.sqrt() < ROUND_OFF_CM && sets.full.cubic_weight_squared < 1e-10);
+        assert!(sets.full.free_weight_squared > 1.0 / 16.0, "weights that sum to one over four guides");
         let best = sets.rms_error_cm.iter().copied().fold(f32::INFINITY, f32::min);
         assert_eq!(best, sets.rms_error_cm[full], "no other set explains the strand as well");
     }

@@ -1,9 +1,10 @@
-//! `xtask bench training`: what the kernels of training cost, and how far they are from a general solver.
+//! `xtask bench training`: what the kernels of training cost, how far they are from a general solver, and how well weights
+//! fit along the strand. Sparse coding beside another library: bench/scripts/compare_spams.py.
 
 use crate::report::write_beside;
 use anyhow::{Result, ensure};
 use hair_bench::strand_bench::Row;
-use hair_bench::training_bench::{errors, speed};
+use hair_bench::training_bench::{errors, fits, speed};
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 
@@ -13,14 +14,14 @@ pub struct Args {
     /// Also write the figures to this file.
     #[arg(long)]
     json: Option<PathBuf>,
-    /// Only this part: speed or errors.
+    /// Only this part: speed, errors or fits.
     #[arg(long)]
     only: Option<String>,
 }
 
 type Part = (&'static str, fn() -> Result<Vec<Row>, hair_bench::Error>);
 
-const PARTS: [Part; 2] = [("speed", speed), ("errors", errors)];
+const PARTS: [Part; 3] = [("speed", speed), ("errors", errors), ("fits", fits)];
 
 /// Runs the command.
 pub fn run(args: Args) -> Result<()> {
