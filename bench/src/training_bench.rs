@@ -69,9 +69,9 @@ fn random_problem(k: usize, at: usize, rng: &mut Pcg64Mcg) -> Problem {
     match at % 10 {
         // Two guides that move alike; all of them; no error at all; one guide that explains everything.
         0 if k > 1 => residuals[k - 1] = residuals[k - 2].clone(),
-        3 if at % 7 == 0 => residuals = vec![common; k],
-        6 if at % 7 == 0 => residuals.iter_mut().for_each(|r| r.fill(0.0)),
-        9 if at % 7 == 0 => residuals[0].fill(0.0),
+        3 if at.is_multiple_of(7) => residuals = vec![common; k],
+        6 if at.is_multiple_of(7) => residuals.iter_mut().for_each(|r| r.fill(0.0)),
+        9 if at.is_multiple_of(7) => residuals[0].fill(0.0),
         _ => {}
     }
     let mut h = [[0.0; MOST]; MOST];

@@ -6,27 +6,22 @@
 //! shrink codes by growing atoms). A signal's new code takes the place of its old one in the sums, and starts from it.
 //! Batches have a fixed order and codes are reduced in it: same inputs, same bytes, for any number of threads.
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, MatMut, MatRef, Par};
-use multiversion::multiversion;
 use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
 use super::lasso::{Lasso, LassoStatus, LassoWorkspace};
+use super::sums::Sums;
+use super::vectors::{add_scaled, dot, multiply, products, unit};
 use crate::reduce::Signals;
 
 /// Optimality of codes while atoms still move.
 const LEARNING_TOLERANCE: f64 = 1e-4;
 /// Optimality of codes that are reported or used.
 pub const FINAL_TOLERANCE: f64 = 1e-7;
-/// Sum of squared codes below which an atom cannot be updated.
-const UNUSED: f64 = 1e-10;
 /// Signals coded by one task, whose products with all atoms are one matrix product.
 const BLOCK: usize = 32;
-/// Atoms between two matrix products of an update.
-const UPDATED_AT_ONCE: usize = 32;
 
 /// What to learn.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -249,88 +244,6 @@ fn code_some(
     coded.into_iter().flatten().collect()
 }
 
-/// The sufficient statistics of Mairal 2010, §3.1: code by code (A, n x n) and signal by code (B, n x rank, atom-major).
-struct Sums {
-    codes: Vec<f64>,
-    signals: Vec<f64>,
-    rank: usize,
-}
-
-impl Sums {
-    fn zeros(n: usize, rank: usize) -> Self {
-        Self { codes: vec![0.0; n * n], signals: vec![0.0; n * rank], rank }
-    }
-
-    /// Puts a signal's new code in the place of its old one. A departure from Mairal 2010, who lets old batches fade: with
-    /// all signals at hand nothing stale need stay.
-    fn exchange(&mut self, signal: &[f64], old: &[(u32, f64)], new: &[(u32, f64)]) {
-        let n = self.signals.len() / self.rank;
-        for (code, sign) in [(old, -1.0), (new, 1.0)] {
-            for &(j, a) in code {
-                let row = &mut self.codes[j as usize * n..(j as usize + 1) * n];
-                code.iter().for_each(|&(l, b)| row[l as usize] += sign * a * b);
-            }
-        }
-        // Most atoms are in both, and both are ascending.
-        let (mut old, mut new) = (old.iter().peekable(), new.iter().peekable());
-        while let Some(&&(j, _)) = match (old.peek(), new.peek()) {
-            (Some(o), Some(n)) => Some(if o.0 < n.0 { o } else { n }),
-            (one, other) => one.or(other),
-        } {
-            let gone = old.next_if(|o| o.0 == j).map_or(0.0, |o| o.1);
-            let come = new.next_if(|n| n.0 == j).map_or(0.0, |n| n.1);
-            let at = j as usize * self.rank;
-            add_scaled(&mut self.signals[at..at + self.rank], come - gone, signal);
-        }
-    }
-
-    /// Drops all that is known of one atom.
-    fn forget(&mut self, j: usize) {
-        let n = self.signals.len() / self.rank;
-        self.codes[j * n..(j + 1) * n].fill(0.0);
-        (0..n).for_each(|l| self.codes[l * n + j] = 0.0);
-        self.signals[j * self.rank..(j + 1) * self.rank].fill(0.0);
-    }
-
-    /// Block coordinate descent on the sums (Mairal 2010, Algorithm 2), one atom after the other, each projected onto the
-    /// unit ball. What atoms of a block share with all atoms is one matrix product; what changed since within the block
-    /// is put right one by one.
-    fn update_atoms(&self, atoms: &mut [f64]) {
-        let rank = self.rank;
-        let n = atoms.len() / rank;
-        let mut shared = vec![0.0; UPDATED_AT_ONCE * rank];
-        let mut moved = vec![0.0; UPDATED_AT_ONCE * rank];
-        for first in (0..n).step_by(UPDATED_AT_ONCE) {
-            let last = (first + UPDATED_AT_ONCE).min(n);
-            let shared = &mut shared[..(last - first) * rank];
-            multiply_plain(shared, atoms, &self.codes[first * n..last * n], rank);
-            for j in first..last {
-                let at = j - first;
-                let weight = self.codes[j * n + j];
-                let (before, rest) = moved.split_at_mut(at * rank);
-                let change = &mut rest[..rank];
-                change.fill(0.0);
-                if weight <= UNUSED {
-                    continue;
-                }
-                add_scaled(change, 1.0 / weight, &self.signals[j * rank..(j + 1) * rank]);
-                add_scaled(change, -1.0 / weight, &shared[at * rank..(at + 1) * rank]);
-                for (l, moved) in before.chunks_exact(rank).enumerate() {
-                    add_scaled(change, -self.codes[j * n + first + l] / weight, moved);
-                }
-                let atom = &mut atoms[j * rank..(j + 1) * rank];
-                add_scaled(change, 1.0, atom);
-                let length = dot(change, change).sqrt().max(1.0);
-                for (x, new) in atom.iter_mut().zip(change.iter_mut()) {
-                    let bounded = *new / length;
-                    *new = bounded - *x;
-                    *x = bounded;
-                }
-            }
-        }
-    }
-}
-
 /// Replaces atoms that no signal uses by the signals represented worst, one each; returns which were replaced.
 fn reseed_unused(atoms: &mut [f64], signals: &Signals, coded: &Coded) -> Vec<usize> {
     let rank = signals.rank;
@@ -345,86 +258,12 @@ fn reseed_unused(atoms: &mut [f64], signals: &Signals, coded: &Coded) -> Vec<usi
     unused
 }
 
-/// All products of the vectors in `a` with those in `b`, b-major.
-fn products(a: &[f64], b: &[f64], rank: usize) -> Vec<f64> {
-    let (n_a, n_b) = (a.len() / rank, b.len() / rank);
-    let mut out = vec![0.0; n_a * n_b];
-    // Blocks of fixed size: the bytes must not depend on the number of threads.
-    out.par_chunks_mut(n_a * BLOCK).zip(b.par_chunks(rank * BLOCK)).for_each(|(out, b)| multiply(out, a, b, rank));
-    out
-}
-
-/// Products of the vectors in `a` with those in `b`, b-major, on this thread.
-fn multiply(out: &mut [f64], a: &[f64], b: &[f64], rank: usize) {
-    let (n_a, n_b) = (a.len() / rank, b.len() / rank);
-    matmul(
-        MatMut::from_column_major_slice_mut(out, n_a, n_b),
-        Accum::Replace,
-        MatRef::from_column_major_slice(a, rank, n_a).transpose(),
-        MatRef::from_column_major_slice(b, rank, n_b),
-        1.0,
-        Par::Seq,
-    );
-}
-
-/// Sums of all atoms, one for each row of `shares`.
-fn multiply_plain(out: &mut [f64], atoms: &[f64], shares: &[f64], rank: usize) {
-    let n = atoms.len() / rank;
-    let n_sums = shares.len() / n;
-    matmul(
-        MatMut::from_column_major_slice_mut(out, rank, n_sums),
-        Accum::Replace,
-        MatRef::from_column_major_slice(atoms, rank, n),
-        MatRef::from_column_major_slice(shares, n, n_sums),
-        1.0,
-        Par::Seq,
-    );
-}
-
-/// The vector scaled to length 1; unchanged when it has none.
-fn unit(v: &[f64]) -> Vec<f64> {
-    let length = dot(v, v).sqrt();
-    if length > 0.0 { v.iter().map(|x| x / length).collect() } else { v.to_vec() }
-}
-
-/// Sixteen sums side by side: one would wait for itself at every term.
-#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
-pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    const SUMS: usize = 16;
-    let mut sums = [0.0; SUMS];
-    let (a_whole, a_rest) = a.as_chunks::<SUMS>();
-    let (b_whole, b_rest) = b.as_chunks::<SUMS>();
-    for (x, y) in a_whole.iter().zip(b_whole) {
-        for lane in 0..SUMS {
-            sums[lane] += x[lane] * y[lane];
-        }
-    }
-    let rest: f64 = a_rest.iter().zip(b_rest).map(|(x, y)| x * y).sum();
-    let mut n = SUMS;
-    while n > 1 {
-        n /= 2;
-        for lane in 0..n {
-            sums[lane] += sums[lane + n];
-        }
-    }
-    sums[0] + rest
-}
-
-#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
-fn add_scaled(out: &mut [f64], scale: f64, v: &[f64]) {
-    for (x, y) in out.iter_mut().zip(v) {
-        *x += scale * y;
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     /// Rises of the objective between epochs that mini-batches may cause, relative.
     const BATCH_NOISE: f64 = 0.02;
-    /// Of sums of some hundred products near one.
-    const ROUND_OFF: f64 = 1e-12;
     /// Learning starts from signals drawn well apart, so little is left to gain here.
     const LEAST_GAIN: f64 = 0.98;
 
@@ -489,68 +328,6 @@ mod tests {
         }
         assert_eq!(reseed_unused(&mut atoms, &signals, &coded), [1]);
         assert!((dot(&atoms[8..16], &atoms[8..16]) - 1.0).abs() < 1e-12);
-    }
-
-    #[test]
-    fn sums_hold_the_latest_code_of_every_signal() {
-        let (_, signals) = planted(6, 8, 40);
-        let mut rng = Pcg64Mcg::seed_from_u64(12);
-        let mut sums = Sums::zeros(6, 8);
-        let mut codes: Vec<Vec<(u32, f64)>> = vec![Vec::new(); 40];
-        for round in 0..3 {
-            for (s, code) in codes.iter_mut().enumerate() {
-                let new: Vec<(u32, f64)> = (0..6)
-                    .filter(|j| (s + round + j) % 3 != 0)
-                    .map(|j| (j as u32, rng.random_range(-1.0..1.0)))
-                    .collect();
-                sums.exchange(signals.of(s), code, &new);
-                *code = new;
-            }
-        }
-        let (mut by_code, mut by_signal) = (vec![0.0; 36], vec![0.0; 48]);
-        for (s, code) in codes.iter().enumerate() {
-            for &(j, a) in code {
-                code.iter().for_each(|&(l, b)| by_code[j as usize * 6 + l as usize] += a * b);
-                (0..8).for_each(|d| by_signal[j as usize * 8 + d] += a * signals.of(s)[d]);
-            }
-        }
-        let far = |a: &[f64], b: &[f64]| a.iter().zip(b).fold(0.0_f64, |m, (x, y)| m.max((x - y).abs()));
-        assert!(far(&sums.codes, &by_code) < ROUND_OFF && far(&sums.signals, &by_signal) < ROUND_OFF);
-    }
-
-    #[test]
-    fn blocks_of_atoms_move_as_one_atom_after_the_other_would() {
-        // More atoms than a block, and a dimension that fills no vector.
-        let (n, rank) = (UPDATED_AT_ONCE + 9, 19);
-        let (_, signals) = planted(n, rank, 300);
-        let mut rng = Pcg64Mcg::seed_from_u64(5);
-        let mut atoms: Vec<f64> = (0..n).flat_map(|s| unit(signals.of(s))).collect();
-        let mut sums = Sums::zeros(n, rank);
-        for s in 0..300 {
-            let mut code: Vec<(u32, f64)> =
-                (0..4).map(|_| (rng.random_range(0..n as u32), rng.random_range(-1.0..1.0))).collect();
-            code.sort_by_key(|c| c.0);
-            code.dedup_by_key(|c| c.0);
-            sums.exchange(signals.of(s), &[], &code);
-        }
-        let mut plain = atoms.clone();
-        for j in 0..n {
-            let weight = sums.codes[j * n + j];
-            if weight > UNUSED {
-                let mut step = sums.signals[j * rank..(j + 1) * rank].to_vec();
-                for l in 0..n {
-                    add_scaled(&mut step, -sums.codes[j * n + l], &plain[l * rank..(l + 1) * rank]);
-                }
-                let atom = &mut plain[j * rank..(j + 1) * rank];
-                add_scaled(atom, 1.0 / weight, &step);
-                let length = dot(atom, atom).sqrt().max(1.0);
-                atom.iter_mut().for_each(|x| *x /= length);
-            }
-        }
-        sums.update_atoms(&mut atoms);
-        for (x, expected) in atoms.iter().zip(&plain) {
-            assert!((x - expected).abs() < ROUND_OFF, "{x} {expected}");
-        }
     }
 
     #[test]
