@@ -23,9 +23,6 @@ use crate::shapes_hand::Hand;
 /// One row: a name, its unit, its value.
 pub type Row = (String, &'static str, f64);
 
-/// What a part of the bench is handed: where solids from elsewhere lie; those absent are left out.
-pub type Part = fn(&Path) -> Result<Vec<Row>, Error>;
-
 /// Bakes repeated, the fastest counts.
 const BAKES: usize = 3;
 

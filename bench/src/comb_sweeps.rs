@@ -15,7 +15,7 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
-use strand_sim::{Material, StepInput, StepParams, StepWorkspace, StrandSystem, Substeps};
+use strand_sim::{Material, StepInput, StepParams, StepWorkspace, StrandState, StrandSystem, Substeps};
 
 /// What a number of sweeps came to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -26,6 +26,8 @@ pub struct SweepReport {
     pub met: usize,
     /// Of these, found by nothing that was tried.
     pub tunnelled: usize,
+    /// Steps that strands took in pieces.
+    pub refined: usize,
     /// Segments for which the step said that it could not hold them off.
     pub given_up: usize,
 }
@@ -36,6 +38,7 @@ impl SweepReport {
             sweeps: self.sweeps + other.sweeps,
             met: self.met + other.met,
             tunnelled: self.tunnelled + other.tunnelled,
+            refined: self.refined + other.refined,
             given_up: self.given_up + other.given_up,
         }
     }
@@ -177,9 +180,23 @@ fn is_met(comb: &Comb, pose: &SolidPose, way: &Sweep) -> bool {
         let pose = pose.at(time);
         between(&way.start, &way.end, time).map(|x| pose.inverse_transform_point(&Point3::from(x)).coords)
     };
-    !apart
-        && !comb.surface.is_hit_by(&seen(0.0))
-        && (1..=pieces).any(|k| comb.surface.is_hit_by(&seen(k as f64 / pieces as f64)))
+    if apart || comb.surface.is_hit_by(&seen(0.0)) {
+        return false;
+    }
+    // Runs of pieces in which nothing can come from where it is halfway to a touch need no look at each.
+    let mut runs = vec![(1, pieces)];
+    while let Some((first, last)) = runs.pop() {
+        let middle = usize::midpoint(first, last);
+        let seen = seen(middle as f64 / pieces as f64);
+        if first == last {
+            if comb.surface.is_hit_by(&seen) {
+                return true;
+            }
+        } else if comb.surface.is_within(&seen, PIECE_CM * (last - first) as f64) {
+            runs.extend([(first, middle), (middle + 1, last)]);
+        }
+    }
+    false
 }
 
 /// Whether the comb comes near the particles at the roots, which no solid moves.
@@ -234,8 +251,6 @@ pub fn detection(comb: &Comb, sweeps: usize, seed: u64) -> [SweepReport; 2] {
 /// None in practice: the strands are fixed.
 pub fn response(comb: &Comb, sweeps: usize, seed: u64, exact: bool) -> Result<SweepReport, Error> {
     let system = StrandSystem::new(&hanging(), PARTICLES, Material::straight())?;
-    let params = StepParams { substeps: Substeps::Fixed(1), ..StepParams::standard() };
-    let still = Isometry3::identity();
     let one = |workspace: &mut StepWorkspace, k: usize| {
         let mut random = Pcg64::seed_from_u64(seed + k as u64);
         let mut way = Way::random(&mut random);
@@ -243,27 +258,10 @@ pub fn response(comb: &Comb, sweeps: usize, seed: u64, exact: bool) -> Result<Sw
         while (0..way.steps()).any(|k| meets_roots(comb, &way.step(k))) {
             way = Way::random(&mut random);
         }
-        let mut state = system.rest_state(&still);
+        let mut state = system.rest_state(&Isometry3::identity());
         let mut report = SweepReport { sweeps: 1, ..SweepReport::default() };
-        let mut before = system.positions(&state);
         for k in 0..way.steps() {
-            let pose = way.step(k);
-            let solids = [MovingSolid { solid: &comb.solid, pose }];
-            let surfaces = [MovingSurface { surface: &comb.surface, pose }];
-            let input = StepInput {
-                solids: &solids,
-                surfaces: if exact { &surfaces } else { &[] },
-                ..StepInput::still(STEP_S, still)
-            };
-            report.given_up += system.step(&mut state, &input, &params, workspace).passing as usize;
-            let after = system.positions(&state);
-            for strand in 0..STRANDS {
-                for i in strand * PARTICLES..(strand + 1) * PARTICLES - 1 {
-                    let way = Sweep { start: [before[i], before[i + 1]], end: [after[i], after[i + 1]] };
-                    report.tunnelled += usize::from(is_met(comb, &pose, &way));
-                }
-            }
-            before = after;
+            report = report.add(judged_step(comb, &system, &mut state, &way, k, exact, workspace));
         }
         report.met = report.tunnelled;
         report
@@ -272,21 +270,77 @@ pub fn response(comb: &Comb, sweeps: usize, seed: u64, exact: bool) -> Result<Sw
     Ok(workers.reduce(SweepReport::default, SweepReport::add))
 }
 
-/// `sweeps`, half of them past strands at rest and half through simulated ones, and what goes through of either.
+/// One step of simulated strands. Where a strand took it in pieces the step is taken again in as many, all strands alike, so
+/// that every way is straight and the truth sees all of it.
+fn judged_step(
+    comb: &Comb,
+    system: &StrandSystem,
+    state: &mut StrandState,
+    way: &Way,
+    k: usize,
+    exact: bool,
+    workspace: &mut StepWorkspace,
+) -> SweepReport {
+    const MOST_PIECES: usize = 1024;
+    let params = StepParams { substeps: Substeps::Fixed(1), ..StepParams::standard() };
+    let (begin, whole) = (state.clone(), way.step(k));
+    let mut pieces = 1;
+    loop {
+        let mut report = SweepReport::default();
+        let mut refined = 0;
+        for piece in 0..pieces {
+            let at = |piece: usize| whole.at(piece as f64 / pieces as f64);
+            let pose = SolidPose { from: at(piece), to: at(piece + 1) };
+            let solids = [MovingSolid { solid: &comb.solid, pose }];
+            let surfaces = [MovingSurface { surface: &comb.surface, pose }];
+            let input = StepInput {
+                solids: &solids,
+                surfaces: if exact { &surfaces } else { &[] },
+                ..StepInput::still(STEP_S / pieces as f64, Isometry3::identity())
+            };
+            let before = system.positions(state);
+            let step = system.step(state, &input, &params, workspace);
+            refined += step.refined;
+            report.given_up += step.passing as usize;
+            let after = system.positions(state);
+            for strand in 0..STRANDS {
+                for i in strand * PARTICLES..(strand + 1) * PARTICLES - 1 {
+                    let way = Sweep { start: [before[i], before[i + 1]], end: [after[i], after[i + 1]] };
+                    report.tunnelled += usize::from(is_met(comb, &pose, &way));
+                }
+            }
+        }
+        if refined == 0 || pieces == MOST_PIECES {
+            return SweepReport { refined: usize::from(pieces > 1), ..report };
+        }
+        state.clone_from(&begin);
+        pieces *= 4;
+    }
+}
+
+/// Ten thousand sweeps, half of them past strands at rest and half through simulated ones, and what goes through of either.
+/// `progress` is told how many sweeps are done, and of how many.
 ///
 /// # Errors
 /// As [`Comb::dressing`] and [`response`].
-pub fn sweeps() -> Result<Vec<Row>, Error> {
+pub fn sweeps(progress: &mut dyn FnMut(u64, u64)) -> Result<Vec<Row>, Error> {
     const HALF: usize = 5_000;
+    const AT_A_TIME: usize = 100;
     let comb = Comb::dressing()?;
     let [followed, at_end] = detection(&comb, HALF, 1);
-    let by_field = response(&comb, HALF, 1, false)?;
-    let held_off = response(&comb, HALF, 1, true)?;
+    let (mut by_field, mut held_off) = (SweepReport::default(), SweepReport::default());
+    for first in (0..HALF).step_by(AT_A_TIME) {
+        progress((HALF + first) as u64, 2 * HALF as u64);
+        by_field = by_field.add(response(&comb, AT_A_TIME, 1 + first as u64, false)?);
+        held_off = held_off.add(response(&comb, AT_A_TIME, 1 + first as u64, true)?);
+    }
     Ok(vec![
         ("sweeps", "", (followed.sweeps + held_off.sweeps) as f64),
         ("tunnelled_with_ccd", "", (followed.tunnelled + held_off.tunnelled) as f64),
         ("tunnelled_without_ccd", "", (at_end.tunnelled + by_field.tunnelled) as f64),
-        ("tunnelled_unseen_with_ccd", "", followed.tunnelled as f64),
+        ("tunnelled_at_rest_with_ccd", "", followed.tunnelled as f64),
+        ("tunnelled_at_rest_without_ccd", "", at_end.tunnelled as f64),
+        ("steps_in_pieces_with_ccd", "", held_off.refined as f64),
         ("given_up_with_ccd", "", held_off.given_up as f64),
     ])
 }

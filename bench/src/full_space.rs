@@ -5,16 +5,39 @@ use crate::world::World;
 use collision::{MovingSolid, Solid, SolidPose};
 use io_formats::groom::UniformGroom;
 use nalgebra::{Isometry3, Point3, Vector3};
-use strand_sim::{Material, StepInput, StepParams, StepReport, StepWorkspace, StrandState, StrandSystem};
+use strand_sim::interaction::LinkSet;
+use strand_sim::{
+    InteractionParams, InteractionWorkspace, Material, StepInput, StepParams, StepReport, StepWorkspace, StrandState,
+    StrandSystem,
+};
 
 /// All strands of a groom on a head.
 pub struct FullSpace {
     system: StrandSystem,
     state: StrandState,
     workspace: StepWorkspace,
+    /// Present where hairs rub on each other.
+    friction: Option<Friction>,
     params: StepParams,
     world_from_head: Isometry3<f64>,
     n: usize,
+}
+
+/// How hairs rub on each other.
+struct Friction {
+    params: InteractionParams,
+    links: LinkSet,
+    workspace: InteractionWorkspace,
+}
+
+/// Thickness at which each of so many hairs stands for its share of a head's 100,000 of a tenth of a millimetre: as much
+/// cross-section together; at most half a millimetre.
+#[must_use]
+pub fn thickness_cm(n_strands: usize) -> f64 {
+    const REAL_CM: f64 = 0.01;
+    const ON_A_HEAD: f64 = 100_000.0;
+    const MOST_CM: f64 = 0.05;
+    (REAL_CM * (ON_A_HEAD / n_strands.max(1) as f64).sqrt()).min(MOST_CM)
 }
 
 /// Longest time strands are given to come to rest, s.
@@ -79,9 +102,19 @@ impl FullSpace {
         Ok(Self::of(system, state, params, n))
     }
 
+    /// The same hairs with friction on each other (AS16 §7.1).
+    #[must_use]
+    pub fn rubbing(mut self) -> Self {
+        let params = InteractionParams::rubbing(thickness_cm(self.system.n_strands()));
+        self.friction =
+            Some(Friction { params, links: LinkSet::default(), workspace: InteractionWorkspace::default() });
+        self
+    }
+
     fn of(system: StrandSystem, state: StrandState, params: &StepParams, n: usize) -> Self {
         let world_from_head = Isometry3::identity();
-        Self { system, state, workspace: StepWorkspace::default(), params: *params, world_from_head, n }
+        let workspace = StepWorkspace::default();
+        Self { system, state, workspace, friction: None, params: *params, world_from_head, n }
     }
 
     /// Advances all strands; `solids` includes the head.
@@ -89,6 +122,9 @@ impl FullSpace {
         let carried = StepInput::carried(dt, self.world_from_head, *world_from_head);
         let input = StepInput { solids, ..carried };
         self.world_from_head = *world_from_head;
+        if let Some(Friction { params, links, workspace }) = &mut self.friction {
+            return self.system.step_interacting(&mut self.state, links, &input, &self.params, params, workspace).step;
+        }
         self.system.step(&mut self.state, &input, &self.params, &mut self.workspace)
     }
 

@@ -82,9 +82,13 @@ impl SolidPose {
 
     /// `world_from_solid` at a fraction of the step, 0 at the start and 1 at the end.
     pub fn at(&self, alpha: f64) -> Isometry3<f64> {
+        self.turned_at(alpha, self.turn())
+    }
+
+    /// [`Self::at`] with [`Self::turn`] known.
+    pub(crate) fn turned_at(&self, alpha: f64, turn: Vector3<f64>) -> Isometry3<f64> {
         let translation = self.from.translation.vector.lerp(&self.to.translation.vector, alpha);
-        let turn = self.turn() * alpha;
-        Isometry3::from_parts(translation.into(), UnitQuaternion::from_scaled_axis(turn) * self.from.rotation)
+        Isometry3::from_parts(translation.into(), UnitQuaternion::from_scaled_axis(turn * alpha) * self.from.rotation)
     }
 
     /// `solid_from_world` at a fraction of the step, in single precision.
@@ -93,7 +97,7 @@ impl SolidPose {
     }
 
     /// Rotation over the step as a scaled axis in world axes, radian; the shorter way round.
-    fn turn(&self) -> Vector3<f64> {
+    pub(crate) fn turn(&self) -> Vector3<f64> {
         (self.to.rotation * self.from.rotation.inverse()).scaled_axis()
     }
 

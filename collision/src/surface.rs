@@ -18,6 +18,9 @@ pub struct Surface {
     end: Vec<Vector3<f64>>,
     triangles: Vec<[u32; 3]>,
     bvh: Bvh,
+    /// Largest coordinate of any corner, and longest way of one over the step, cm.
+    size: f64,
+    largest_travel: f64,
 }
 
 /// A surface on its way through a step.
@@ -31,6 +34,9 @@ pub struct MovingSurface<'a> {
 
 /// Round-off of a corner's place anywhere in a scene, cm.
 const ROUND_OUT_CM: f64 = 1e-6;
+
+/// Round-off of a comparison with a box, relative to the coordinates.
+const BOX_ROUND_OFF: f64 = 1e-14;
 
 /// Corners of a triangle, cm.
 pub type Triangle = [Vector3<f64>; 3];
@@ -81,7 +87,20 @@ impl Surface {
             (i, Aabb::new(Vector::new(low[0], low[1], low[2]), Vector::new(high[0], high[1], high[2])))
         });
         let bvh = Bvh::from_iter(BvhBuildStrategy::Binned, leaves);
-        Ok(Self { start: corner(start), end: corner(end), triangles: triangles.to_vec(), bvh })
+        let (start, end) = (corner(start), corner(end));
+        let size = start.iter().chain(&end).map(|p| p.amax()).fold(0.0, f64::max);
+        let largest_travel = start.iter().zip(&end).map(|(a, b)| (b - a).norm()).fold(0.0, f64::max);
+        Ok(Self { start, end, triangles: triangles.to_vec(), bvh, size, largest_travel })
+    }
+
+    /// Largest coordinate of any vertex, cm.
+    pub(crate) fn size(&self) -> f64 {
+        self.size
+    }
+
+    /// Longest way of any vertex over the step, cm.
+    pub(crate) fn largest_travel(&self) -> f64 {
+        self.largest_travel
     }
 
     /// Number of triangles.
@@ -114,15 +133,48 @@ impl Surface {
         })
     }
 
+    /// Triangles whose boxes over the step come within `margin` cm of a segment. No axis separates what is returned: the
+    /// box's own three and their products with the segment's direction (Ericson, Real-Time Collision Detection, §5.3.3).
+    pub(crate) fn triangles_near_segment<'a>(
+        &'a self,
+        segment: &Segment,
+        margin: f64,
+    ) -> impl Iterator<Item = u32> + use<'a> {
+        let middle = (segment[0] + segment[1]) * 0.5;
+        let half = (segment[1] - segment[0]) * 0.5;
+        let reach = half.abs();
+        let margin = margin + BOX_ROUND_OFF * (middle.amax() + reach.amax() + self.size);
+        self.bvh.leaves(move |node| {
+            let (a, b) = (node.mins(), node.maxs());
+            let low = Vector3::new(f64::from(a.x), f64::from(a.y), f64::from(a.z));
+            let high = Vector3::new(f64::from(b.x), f64::from(b.y), f64::from(b.z));
+            let size = (high - low) * 0.5 + Vector3::repeat(margin);
+            let away = middle - (low + high) * 0.5;
+            let turned = half.cross(&away);
+            away.x.abs() <= size.x + reach.x
+                && away.y.abs() <= size.y + reach.y
+                && away.z.abs() <= size.z + reach.z
+                && turned.x.abs() <= size.y * reach.z + size.z * reach.y
+                && turned.y.abs() <= size.z * reach.x + size.x * reach.z
+                && turned.z.abs() <= size.x * reach.y + size.y * reach.x
+        })
+    }
+
     /// Distance of a segment, in the surface's frame at the start of the step, cm; infinite where it exceeds `at_most`.
     #[must_use]
     pub fn distance_within(&self, segment: &Segment, at_most: f64) -> f64 {
-        let (low, high) = (segment[0].inf(&segment[1]), segment[0].sup(&segment[1]));
         let nearest2 = self
-            .triangles_near(low, high, at_most)
+            .triangles_near_segment(segment, at_most)
             .map(|t| closest_to_triangle(segment, &self.corners(t as usize)[0]).distance2)
             .fold(f64::INFINITY, f64::min);
         if nearest2 <= at_most * at_most { nearest2.sqrt() } else { f64::INFINITY }
+    }
+
+    /// Whether a segment, in the surface's frame at the start of the step, comes within so many cm of it.
+    #[must_use]
+    pub fn is_within(&self, segment: &Segment, distance: f64) -> bool {
+        self.triangles_near_segment(segment, distance)
+            .any(|t| closest_to_triangle(segment, &self.corners(t as usize)[0]).distance2 <= distance * distance)
     }
 
     /// Box (world, cm) that holds the surface all through a step, carried by `pose`.
@@ -147,9 +199,7 @@ impl Surface {
     /// finite touch nothing.
     #[must_use]
     pub fn is_hit_by(&self, segment: &Segment) -> bool {
-        let (low, high) = (segment[0].inf(&segment[1]), segment[0].sup(&segment[1]));
-        self.triangles_near(low, high, 0.0)
-            .any(|t| closest_to_triangle(segment, &self.corners(t as usize)[0]).distance2 <= 0.0)
+        self.is_within(segment, 0.0)
     }
 
     /// Whether the bilinear patch between the rungs `[a0, b0]` and `[a1, b1]`, in the surface's frame at the start of the

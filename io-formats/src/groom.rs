@@ -236,7 +236,7 @@ impl FromStr for LengthUnit {
     }
 }
 
-/// Reads a groom by its extension: `.hair` or `.tfx`. Strands may still be degenerate, see [`Groom::validate`].
+/// Reads a groom by its extension: `.hair`, `.tfx`, USC's `.data`, or the strands of a `.ply`. Strands may still be degenerate, see [`Groom::validate`].
 ///
 /// # Errors
 /// Those of the format's reader; [`Error::UnknownExtension`] for any other extension.
@@ -245,7 +245,9 @@ pub fn read_groom(path: &Path, unit: LengthUnit) -> Result<Groom> {
     match extension.as_deref() {
         Some("hair") => crate::hair::read_hair(path, unit),
         Some("tfx") => crate::tfx::read_tfx(path, unit),
-        _ => Err(Error::UnknownExtension { path: path.to_path_buf(), expected: ".hair, .tfx" }),
+        Some("data") => crate::usc::read_data(path, unit),
+        Some("ply") => crate::ply::read_ply_strands(path, unit),
+        _ => Err(Error::UnknownExtension { path: path.to_path_buf(), expected: ".hair, .tfx, .data, .ply" }),
     }
 }
 

@@ -36,6 +36,7 @@ pub mod ply;
 pub mod scene;
 pub mod skinning_model;
 pub mod tfx;
+pub mod usc;
 pub mod usd;
 
 pub use bake_cache::{BakeCache, BakeKey};

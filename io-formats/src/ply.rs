@@ -1,14 +1,14 @@
-//! Triangle meshes from PLY files, ASCII or binary of either byte order.
+//! Triangle meshes and strands from PLY files, ASCII or binary of either byte order.
 //!
-//! The parser is our own: of the whole format a solid needs the coordinates of `vertex` and the list of `face`; everything
-//! else declared in the header is stepped over. Nothing is allocated on the word of a count: elements are read as long as
+//! The parser is our own: of the whole format a solid needs the coordinates of `vertex` and the list of `face`, strands as
+//! the ADONIS simulator writes them the vertices' `segment` and `actual`; everything else declared in the header is stepped over. Nothing is allocated on the word of a count: elements are read as long as
 //! there are bytes.
 
 use std::path::Path;
 
 use crate::bytes::read_file;
 use crate::error::{Error, Result};
-use crate::groom::LengthUnit;
+use crate::groom::{Groom, LengthUnit};
 use crate::mesh::{TriMesh, Weld};
 
 /// Reads a PLY file; polygons become fans.
@@ -71,6 +71,59 @@ pub fn parse_ply(path: &Path, bytes: &[u8], unit: LengthUnit) -> Result<TriMesh>
         }
     }
     weld.finish(path, unit)
+}
+
+/// Reads the strands of a PLY file: its vertices, root first, those of one `segment` one strand after the other. Vertices whose
+/// `actual` is zero only pad a strand's ends and are left out.
+///
+/// # Errors
+/// When the file cannot be read or parsed, its vertices have no `segment`, or a coordinate is not finite.
+pub fn read_ply_strands(path: &Path, unit: LengthUnit) -> Result<Groom> {
+    parse_ply_strands(path, &read_file(path)?, unit)
+}
+
+/// [`read_ply_strands`] from bytes; `path` serves the error texts.
+///
+/// # Errors
+/// As [`read_ply_strands`].
+pub fn parse_ply_strands(path: &Path, bytes: &[u8], unit: LengthUnit) -> Result<Groom> {
+    let bad = |reason: String| Error::BadMesh { path: path.to_path_buf(), reason };
+    let (header, body) = Header::parse(bytes).map_err(bad)?;
+    let mut source = Source { form: header.form, rest: &bytes[body..], pending: &[] };
+    let Some(first) = header.elements.first().filter(|e| e.name == "vertex") else {
+        return Err(bad("it does not begin with vertices".into()));
+    };
+    let at = |name: &str| first.properties.iter().position(|p| p.name == name && p.length.is_none());
+    let [Some(x), Some(y), Some(z), Some(segment)] = ["x", "y", "z", "segment"].map(at) else {
+        return Err(bad("its vertices have no x, y, z and segment: it holds no strands".into()));
+    };
+    let actual = at("actual");
+    let mut groom = Groom::default();
+    let mut current = None;
+    let (mut list, mut row) = (Vec::new(), vec![0.0; first.properties.len()]);
+    for n in 0..first.count {
+        let cut = || bad(format!("vertex {n} of {} is missing or no number", first.count));
+        for (value, property) in row.iter_mut().zip(&first.properties) {
+            source.read(property, &mut list).ok_or_else(cut)?;
+            *value = list.first().copied().unwrap_or_default();
+        }
+        if actual.is_some_and(|actual| row[actual] == 0.0) {
+            continue;
+        }
+        let point = [x, y, z].map(|axis| (row[axis] * unit.cm_per_unit()) as f32);
+        if point.iter().any(|x| !x.is_finite()) {
+            return Err(bad(format!("vertex {n} is not finite")));
+        }
+        if current != Some(row[segment]) {
+            current = Some(row[segment]);
+            groom.point_counts.push(0);
+        }
+        if let Some(count) = groom.point_counts.last_mut() {
+            *count += 1;
+        }
+        groom.points.push(point);
+    }
+    Ok(groom)
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -304,6 +357,24 @@ mod tests {
         assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3], [0, 2, 1]]);
         assert_eq!(read(&binary(false)), mesh);
         assert_eq!(read(&binary(true)), mesh);
+    }
+
+    const STRANDS: &str = "ply\nformat ascii 1.0\ncomment created by ADONIS\nelement vertex 7\nproperty float x\nproperty float y\n\
+                           property float z\nproperty float theta\nproperty int segment\nproperty int actual\nelement face 0\n\
+                           property list int int vertex_indices\nend_header \n\
+                           9 9 9 0 0 0\n0 0 0 0 0 1\n0 1 0 0 0 1\n1 0 0 0 3 1\n1 1 0 0 3 1\n1 2 0 0 3 1\n9 9 9 0 3 0\n";
+
+    #[test]
+    fn strands_are_told_apart_by_segment_and_their_padding_left_out() {
+        let read = |text: &str| parse_ply_strands(Path::new("a.ply"), text.as_bytes(), LengthUnit::Mm);
+        let groom = read(STRANDS).unwrap();
+        assert_eq!(groom.point_counts, [2, 3]);
+        assert_eq!(groom.strand(1), [[0.1, 0.0, 0.0], [0.1, 0.1, 0.0], [0.1, 0.2, 0.0]]);
+        for n in 0..STRANDS.len() - 12 {
+            assert!(read(&STRANDS[..n]).is_err(), "cut at {n}");
+        }
+        assert!(read(&STRANDS.replace("segment", "part")).unwrap_err().to_string().contains("no strands"));
+        assert!(read(&STRANDS.replace("1 2 0 0 3 1", "1 nan 0 0 3 1")).unwrap_err().to_string().contains("vertex 5"));
     }
 
     #[test]

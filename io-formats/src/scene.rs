@@ -72,7 +72,7 @@ pub struct GroomSpec {
 /// Where strands come from.
 #[derive(Debug, Clone, PartialEq)]
 pub enum GroomSource {
-    /// A `.hair` or `.tfx` file.
+    /// A groom file, see [`read_groom`].
     File {
         /// The file.
         path: PathBuf,

@@ -1,8 +1,7 @@
-//! TressFX `.tfx` files, version 4: a 160-byte header, then arrays at stated byte offsets (0 = absent). Only positions are
-//! read, `f32[4]` per vertex with the inverse mass in w.
+//! TressFX `.tfx` files, versions 3 and 4: a header, then arrays at stated byte offsets (0 = absent). Only positions are read.
 //!
-//! w is not used: in real files it marks the root only, or the first two points, or nothing reliable. Version 3 has another
-//! header and `f32[3]` positions; it is told apart by its version field and refused.
+//! Version 4 has a header of 160 bytes and positions `f32[4]`, the inverse mass in w. It is not used: in real files it
+//! marks the root only, or the first two points, or nothing reliable. Version 3 has 296 bytes and positions `f32[3]`.
 
 use std::path::Path;
 
@@ -11,13 +10,24 @@ use crate::error::{Error, Result};
 use crate::groom::{Groom, LengthUnit};
 use crate::hair::scaled_points;
 
-const HEADER_BYTES: u64 = 160;
+/// What differs between the versions.
+struct Layout {
+    header_bytes: u64,
+    /// Where the offset of the positions stands.
+    offset_at: u64,
+    /// Numbers per vertex.
+    stride: usize,
+}
+
+const VERSION_3: Layout = Layout { header_bytes: 296, offset_at: 144, stride: 3 };
+const VERSION_4: Layout = Layout { header_bytes: 160, offset_at: 12, stride: 4 };
+
 const MAX_VERTICES_PER_STRAND: u32 = 4096;
 
-/// Reads a version 4 `.tfx` file whose coordinates are in `unit`. Strands may still be degenerate, see [`Groom::validate`].
+/// Reads a `.tfx` file whose coordinates are in `unit`. Strands may still be degenerate, see [`Groom::validate`].
 ///
 /// # Errors
-/// When the file cannot be read, is not version 4, is cut short, or its counts or coordinates cannot be right.
+/// When the file cannot be read, is neither version 3 nor 4, is cut short, or its counts or coordinates cannot be right.
 pub fn read_tfx(path: &Path, unit: LengthUnit) -> Result<Groom> {
     parse_tfx(path, &read_file(path)?, unit)
 }
@@ -32,24 +42,24 @@ pub fn parse_tfx(path: &Path, bytes: &[u8], unit: LengthUnit) -> Result<Groom> {
     if !(1.0..100.0).contains(&version) {
         return Err(Error::BadMagic { path: path.to_path_buf(), format: "TressFX", found: printable_start(bytes) });
     }
-    if !(4.0..5.0).contains(&version) {
-        let hint = if (3.0..4.0).contains(&version) {
-            "this is a version 3 file, whose layout differs; convert it to version 4 first"
-        } else {
-            "only version 4 is read"
-        };
-        return Err(Error::UnsupportedVersion {
-            path: path.to_path_buf(),
-            format: "TressFX",
-            found: format!("{version}"),
-            hint: hint.into(),
-        });
-    }
+    let layout = match version {
+        3.0..4.0 => VERSION_3,
+        4.0..5.0 => VERSION_4,
+        _ => {
+            return Err(Error::UnsupportedVersion {
+                path: path.to_path_buf(),
+                format: "TressFX",
+                found: format!("{version}"),
+                hint: "versions 3 and 4 are read".into(),
+            });
+        }
+    };
     let n_strands = r.u32("strand count")?;
     let n_vertices = r.u32("vertices per strand")?;
-    let position_offset = r.u32("position offset")?;
     r.seek(0);
-    r.take(HEADER_BYTES, 1, "header")?;
+    r.take(layout.header_bytes, 1, "header")?;
+    r.seek(layout.offset_at);
+    let position_offset = r.u32("position offset")?;
     if n_strands == 0 {
         return Err(r.bad("strand count", 4, "no strands"));
     }
@@ -58,12 +68,12 @@ pub fn parse_tfx(path: &Path, bytes: &[u8], unit: LengthUnit) -> Result<Groom> {
         let why = format!("{n_vertices} is outside 2 to {MAX_VERTICES_PER_STRAND}");
         return Err(r.bad("vertices per strand", 8, why));
     }
-    if u64::from(position_offset) < HEADER_BYTES {
+    if u64::from(position_offset) < layout.header_bytes {
         let why = format!("{position_offset} lies inside the header (0 means absent)");
-        return Err(r.bad("position offset", 12, why));
+        return Err(r.bad("position offset", layout.offset_at, why));
     }
     r.seek(u64::from(position_offset));
-    let raw = r.take(u64::from(n_strands) * u64::from(n_vertices), 16, "positions")?;
-    let points = scaled_points(&r, raw, 4, u64::from(position_offset), unit)?;
+    let raw = r.take(u64::from(n_strands) * u64::from(n_vertices), 4 * layout.stride as u64, "positions")?;
+    let points = scaled_points(&r, raw, layout.stride, u64::from(position_offset), unit)?;
     Ok(Groom { point_counts: vec![n_vertices; n_strands as usize], points })
 }

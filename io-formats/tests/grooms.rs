@@ -5,10 +5,11 @@ mod common;
 
 use std::path::Path;
 
-use common::{hair_bytes, hair_header, push_floats, random_strand, tfx_bytes};
+use common::{data_bytes, hair_bytes, hair_header, push_floats, random_strand, tfx_bytes};
 use io_formats::groom::{arc_length, negate_axes};
 use io_formats::hair::parse_hair;
 use io_formats::tfx::parse_tfx;
+use io_formats::usc::parse_data;
 use io_formats::{Error, Groom, LengthUnit, read_hair, write_hair};
 
 /// Points are stored as `f32`; at coordinates of tens of centimetres that is a few millionths.
@@ -240,30 +241,57 @@ fn writing_and_reading_hair_returns_the_same_groom() {
 }
 
 #[test]
-fn a_tfx_file_gives_its_strands_in_centimetres() {
-    let groom = parse_tfx(here(), &tfx_bytes(4.0, 3, 4), LengthUnit::Mm).unwrap();
-    assert_eq!(groom.point_counts, [4, 4, 4]);
-    assert_eq!(groom.strand(2)[3], [0.2, 0.0, 0.3]);
-}
-
-#[test]
-fn every_cut_of_a_tfx_file_is_refused() {
-    let whole = tfx_bytes(4.0, 2, 4);
-    for n in 0..whole.len() {
-        let error = parse_tfx(here(), &whole[..n], LengthUnit::Cm).unwrap_err();
-        assert!(matches!(error, Error::Truncated { .. }), "{n} bytes: {error}");
+fn a_tfx_file_gives_its_strands_in_centimetres_in_either_version() {
+    for version in [3.0, 4.0] {
+        let groom = parse_tfx(here(), &tfx_bytes(version, 3, 4), LengthUnit::Mm).unwrap();
+        assert_eq!(groom.point_counts, [4, 4, 4]);
+        assert_eq!(groom.strand(2)[3], [0.2, 0.0, 0.3]);
     }
 }
 
 #[test]
-fn a_version_three_tfx_file_is_told_apart() {
-    let error = parse_tfx(here(), &tfx_bytes(3.0, 2, 4), LengthUnit::Cm).unwrap_err();
-    assert!(
-        matches!(error, Error::UnsupportedVersion { .. }) && error.to_string().contains("version 3 file"),
-        "{error}"
-    );
-    assert!(matches!(parse_tfx(here(), &tfx_bytes(5.0, 2, 4), LengthUnit::Cm), Err(Error::UnsupportedVersion { .. })));
+fn every_cut_of_a_tfx_file_is_refused() {
+    for version in [3.0, 4.0] {
+        let whole = tfx_bytes(version, 2, 4);
+        for n in 0..whole.len() {
+            let error = parse_tfx(here(), &whole[..n], LengthUnit::Cm).unwrap_err();
+            assert!(matches!(error, Error::Truncated { .. }), "{n} bytes: {error}");
+        }
+    }
+}
+
+#[test]
+fn a_tfx_file_of_another_version_is_refused() {
+    for version in [2.0, 5.0] {
+        let error = parse_tfx(here(), &tfx_bytes(version, 2, 4), LengthUnit::Cm).unwrap_err();
+        assert!(matches!(error, Error::UnsupportedVersion { .. }), "{error}");
+        assert!(error.to_string().contains("versions 3 and 4 are read"), "{error}");
+    }
     assert!(matches!(parse_tfx(here(), &tfx_bytes(f32::NAN, 2, 4), LengthUnit::Cm), Err(Error::BadMagic { .. })));
+}
+
+#[test]
+fn a_data_file_gives_its_strands_without_bald_roots() {
+    let groom = parse_data(here(), &data_bytes(), LengthUnit::Mm).unwrap();
+    assert_eq!(groom.point_counts, [3, 2]);
+    assert_eq!(groom.strand(1), [[0.1, 0.0, 0.0], [0.1, 0.0, 0.1]]);
+}
+
+#[test]
+fn a_data_file_cut_short_or_too_long_or_of_absurd_counts_is_refused() {
+    let whole = data_bytes();
+    for n in 0..whole.len() {
+        let error = parse_data(here(), &whole[..n], LengthUnit::Cm).unwrap_err();
+        assert!(matches!(error, Error::Truncated { .. }), "{n} bytes: {error}");
+    }
+    let error = parse_data(here(), &[&whole[..], &[0]].concat(), LengthUnit::Cm).unwrap_err();
+    assert!(error.to_string().contains("1 bytes follow"), "{error}");
+    for (at, count) in [(0, -1), (4, -3), (4, 0), (0, i32::MAX), (4, i32::MAX)] {
+        let mut b = whole.clone();
+        b[at..at + 4].copy_from_slice(&i32::to_le_bytes(count));
+        let error = parse_data(here(), &b, LengthUnit::Cm).unwrap_err();
+        assert!(matches!(error, Error::Truncated { .. } | Error::BadField { .. }), "{at}, {count}: {error}");
+    }
 }
 
 #[test]

@@ -5,11 +5,12 @@ mod common;
 
 use std::path::Path;
 
-use common::{hair_bytes, tfx_bytes};
+use common::{data_bytes, hair_bytes, tfx_bytes};
 use io_formats::bvh::Bvh;
 use io_formats::hair::parse_hair;
 use io_formats::mesh::{parse_obj, parse_stl};
 use io_formats::tfx::parse_tfx;
+use io_formats::usc::parse_data;
 use io_formats::{Groom, LengthUnit, Result, Scene, TriMesh};
 
 /// Damaged copies tried per format.
@@ -78,8 +79,13 @@ fn damaged_grooms_never_panic() {
     for bytes in damaged(&hair_bytes()) {
         sound_groom(&parse_hair(here(), &bytes, LengthUnit::M));
     }
-    for bytes in damaged(&tfx_bytes(4.0, 2, 4)) {
-        sound_groom(&parse_tfx(here(), &bytes, LengthUnit::M));
+    for version in [3.0, 4.0] {
+        for bytes in damaged(&tfx_bytes(version, 2, 4)) {
+            sound_groom(&parse_tfx(here(), &bytes, LengthUnit::M));
+        }
+    }
+    for bytes in damaged(&data_bytes()) {
+        sound_groom(&parse_data(here(), &bytes, LengthUnit::M));
     }
 }
 

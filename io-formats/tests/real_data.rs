@@ -67,14 +67,42 @@ fn the_mohawk_has_nearly_degenerate_strands_that_still_have_a_direction() {
 }
 
 #[test]
-fn other_tfx_files_are_read_or_told_apart_by_version() {
+fn real_tressfx_files_of_both_versions_are_read() {
     if let Some(groom) = groom("sintel_lite_guides_32pts.tfx", LengthUnit::Cm) {
         check_groom(&groom, 228, 32, 1.0, 40.0);
     }
-    for name in ["grooms/ponytail/tail.tfx", "grooms/bear_fur_4pts.tfx"] {
-        let Some(path) = shared_data(name) else { return };
-        let error = read_groom(&path, LengthUnit::Cm).unwrap_err();
-        assert!(error.to_string().contains("version 3 file"), "{error}");
+    // A head radius of 26.5 units is about 10 cm.
+    for (name, n_strands) in [("front_top", 876), ("side", 3_066), ("back", 517), ("tail", 474)] {
+        let Some(groom) = groom(&format!("ponytail/{name}.tfx"), LengthUnit::Other(0.38)) else { return };
+        check_groom(&groom, n_strands, 16, 0.5, 80.0);
+    }
+    let Some(fur) = groom("bear_fur_4pts.tfx", LengthUnit::Cm) else { return };
+    assert_eq!((fur.n_strands(), fur.points.len()), (48_113, 4 * 48_113));
+}
+
+#[test]
+fn real_usc_strands_are_read() {
+    for name in ["cstrands00127.data", "cstrands00017.data", "cstrands00154.data"] {
+        let Some(groom) = groom(name, LengthUnit::Other(82.0)) else { return };
+        check_groom(&groom, 5, 100, 5.0, 120.0);
+    }
+}
+
+#[test]
+fn real_strands_of_a_simulator_are_read_without_their_padding() {
+    if let Some(ball) = groom("curly_ball_1024_freefall.ply", LengthUnit::Cm) {
+        // Every strand is 27.949 cm long, to what six digits leave.
+        check_groom(&ball, 1_024, 41, 27.94, 27.96);
+    }
+    let Some(man) = groom("man_hair_init_700.ply", LengthUnit::Cm) else { return };
+    assert_eq!((man.n_strands(), man.points.len()), (781, 22_152));
+    for strand in man.strands() {
+        let length = arc_length(strand);
+        assert!(
+            (15..=41).contains(&strand.len()) && (10.0..31.0).contains(&length),
+            "{} points, {length}",
+            strand.len()
+        );
     }
 }
 

@@ -32,6 +32,11 @@ impl Bearings {
         Self { places: vec![[Place::default(); 2]; n_rig] }
     }
 
+    /// Remembers what another batch of the same topology does.
+    pub fn copy_from(&mut self, other: &Self) {
+        self.places.clone_from(&other.places);
+    }
+
     /// Forgets one lane.
     pub fn forget(&mut self, lane: usize) {
         for place in self.places.iter_mut().flatten() {

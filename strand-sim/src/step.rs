@@ -4,6 +4,7 @@
 //! into substeps. Strands that do not interact never wait for each other: each batch takes all its substeps while it is in
 //! cache. Batches run in parallel and the result is the same for any number of threads.
 
+mod finer;
 pub mod interacting;
 
 use crate::bearing::Bearings;
@@ -14,6 +15,7 @@ use crate::implicit::{self, Driven, Problem};
 use crate::lanes::{LANES, Lane, Lane3, ZERO};
 use crate::rig::Topology;
 use crate::solve::banded::BandedMatrix;
+use crate::step::finer::Finer;
 use crate::step_size::{Substeps, count_substeps};
 use crate::strain_limit::limit_strain;
 use crate::surface_contact::SurfaceWork;
@@ -147,7 +149,9 @@ pub struct StepReport {
     pub contacts: u64,
     /// Touches of surfaces answered, summed over substeps.
     pub touches: u32,
-    /// Segments left going through a surface, summed over substeps.
+    /// Strands that took a substep in smaller pieces since no straight way past a surface was found, summed over substeps.
+    pub refined: u32,
+    /// Segments left going through a surface all the same, summed over substeps.
     pub passing: u32,
     /// Strands whose state was not finite and was put back at rest.
     pub quarantined: u32,
@@ -177,6 +181,8 @@ pub(crate) struct Work {
     pub(crate) watched: Vec<Contact>,
     pub(crate) driven: Vec<Driven>,
     pub(crate) surface: SurfaceWork,
+    /// For strands that go a substep in pieces.
+    finer: Option<Box<Finer>>,
     /// What they exert, in the same order.
     reactions: Vec<Reaction>,
     pub(crate) view: View,
@@ -228,15 +234,9 @@ impl StrandSystem {
                     for k in 0..n_substeps {
                         let n = n_substeps as f64;
                         let span = Span { begin: k as f64 / n, end: (k + 1) as f64 / n, h: input.dt / n };
-                        self.predict(batch, state, input, params, span, work);
-                        self.rub(batch, params.scheme.solve_length(span.h), work);
-                        self.advance(batch, state, params, span, work);
-                        self.hold_off(batch, state, input, span, work);
-                        if params.scheme.is_two_solves() {
-                            self.evolve(batch, state, input, params, span, work);
-                            self.rub(batch, params.scheme.solve_length(span.h), work);
-                        }
-                        self.finish(batch, state, input, params, span, work);
+                        self.set_out(batch, state, input, params, span, work);
+                        self.hold_off(batch, state, input, params, span, work);
+                        self.arrive(batch, state, input, params, span, work);
                     }
                     self.quarantine(batch, state, input, work);
                 }
@@ -246,10 +246,43 @@ impl StrandSystem {
         workspace.slots[..n_used].iter().fold(sum, |sum, work| StepReport {
             contacts: sum.contacts + work.report.contacts,
             touches: sum.touches + work.report.touches,
+            refined: sum.refined + work.report.refined,
             passing: sum.passing + work.report.passing,
             quarantined: sum.quarantined + work.report.quarantined,
             ..sum
         })
+    }
+
+    /// A substep up to new positions in `work.next` that no surface has been asked about.
+    fn set_out(
+        &self,
+        batch: &Batch,
+        state: &mut BatchState,
+        input: &StepInput,
+        params: &StepParams,
+        span: Span,
+        work: &mut Work,
+    ) {
+        self.predict(batch, state, input, params, span, work);
+        self.rub(batch, params.scheme.solve_length(span.h), work);
+        self.advance(batch, state, params, span, work);
+    }
+
+    /// The rest of a substep.
+    fn arrive(
+        &self,
+        batch: &Batch,
+        state: &mut BatchState,
+        input: &StepInput,
+        params: &StepParams,
+        span: Span,
+        work: &mut Work,
+    ) {
+        if params.scheme.is_two_solves() {
+            self.evolve(batch, state, input, params, span, work);
+            self.rub(batch, params.scheme.solve_length(span.h), work);
+        }
+        self.finish(batch, state, input, params, span, work);
     }
 
     fn check_input(&self, state: &StrandState, input: &StepInput) {
@@ -322,11 +355,21 @@ impl StrandSystem {
     }
 
     /// The last of step 5: nothing goes through a surface.
-    fn hold_off(&self, batch: &Batch, state: &BatchState, input: &StepInput, span: Span, work: &mut Work) {
+    fn hold_off(
+        &self,
+        batch: &Batch,
+        state: &BatchState,
+        input: &StepInput,
+        params: &StepParams,
+        span: Span,
+        work: &mut Work,
+    ) {
         if !input.surfaces.is_empty() {
-            let found = self.stop_at_surfaces(batch, state, input, span, work);
+            let found = self.stop_at_surfaces(batch, state, input, span, u8::MAX, work);
             work.report.touches += found.answered;
-            work.report.passing += found.unresolved;
+            if found.passing != 0 {
+                self.go_finer(batch, state, input, params, span, found.passing, work);
+            }
         }
     }
 
@@ -535,6 +578,7 @@ impl Work {
             reactions: Vec::with_capacity(LANES * n_main),
             driven: Vec::new(),
             surface: SurfaceWork::default(),
+            finer: None,
             view: View::default(),
             report: StepReport::default(),
         }

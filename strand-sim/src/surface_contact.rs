@@ -40,6 +40,19 @@ pub(crate) struct SurfaceReport {
     pub answered: u32,
     /// Segments that still go through when sweeps ran out.
     pub unresolved: u32,
+    /// Strands that have such segments, a bit for each lane.
+    pub passing: u8,
+}
+
+impl SurfaceReport {
+    /// What both have seen.
+    pub fn and(self, other: Self) -> Self {
+        Self {
+            answered: self.answered + other.answered,
+            unresolved: self.unresolved + other.unresolved,
+            passing: self.passing | other.passing,
+        }
+    }
 }
 
 /// Buffers for one strand.
@@ -57,13 +70,15 @@ pub(crate) struct SurfaceWork {
 }
 
 impl StrandSystem {
-    /// Changes where a substep leads so that no segment goes through a surface on its straight way there.
+    /// Changes where a substep leads so that no segment goes through a surface on its straight way there; of the strands
+    /// in `lanes`, a bit each.
     pub(crate) fn stop_at_surfaces(
         &self,
         batch: &Batch,
         state: &BatchState,
         input: &StepInput,
         span: Span,
+        lanes: u8,
         work: &mut Work,
     ) -> SurfaceReport {
         let topology = &self.topologies[batch.topology];
@@ -71,7 +86,7 @@ impl StrandSystem {
         for body in input.surfaces {
             let pose = SolidPose { from: body.pose.at(span.begin), to: body.pose.at(span.end) };
             let bounds = body.surface.bounds_over(&pose);
-            for lane in 0..batch.strands.len() {
+            for lane in (0..batch.strands.len()).filter(|lane| lanes >> lane & 1 != 0) {
                 let strand = &mut work.surface;
                 strand.before.clear();
                 strand.after.clear();
@@ -91,8 +106,7 @@ impl StrandSystem {
                     strand.inv_mass.push(if is_free { 1.0 / batch.mass[p][lane] } else { 0.0 });
                 }
                 let found = strand.hold_off(body.surface, &pose);
-                report.answered += found.answered;
-                report.unresolved += found.unresolved;
+                report = report.and(SurfaceReport { passing: u8::from(found.unresolved > 0) << lane, ..found });
                 if found.answered > 0 {
                     self.take_over(batch, lane, span.h, work);
                 }

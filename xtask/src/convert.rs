@@ -8,10 +8,10 @@ use io_formats::groom::negate_axes;
 use io_formats::{LengthUnit, read_groom, read_mesh, write_hair, write_obj};
 use std::path::{Path, PathBuf};
 
-/// Convert a groom (.hair, .tfx) to .hair, or a mesh (.obj, .stl) to .obj.
+/// Convert a groom (.hair, .tfx, .data, .ply) to .hair, or a mesh (.obj, .stl, .ply) to .obj.
 #[derive(clap::Args)]
 pub struct Args {
-    /// File to read: .hair or .tfx (groom), .obj or .stl (mesh).
+    /// File to read: .hair, .tfx, .data or .ply (groom), .obj, .stl or .ply (mesh).
     input: PathBuf,
     /// File to write: .hair for a groom, .obj for a mesh.
     output: PathBuf,
@@ -41,10 +41,12 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let out_unit: LengthUnit = args.out_unit.parse().context("--out-unit")?;
     let axes = negate_axes(axes(&args.negate)?);
     match (extension(&args.input).as_str(), extension(&args.output).as_str()) {
-        ("hair" | "tfx", "hair") => convert_groom(&args, unit, out_unit, axes),
-        ("obj" | "stl", "obj") => convert_mesh(&args, unit, out_unit, axes),
+        ("hair" | "tfx" | "data" | "ply", "hair") => convert_groom(&args, unit, out_unit, axes),
+        ("obj" | "stl" | "ply", "obj") => convert_mesh(&args, unit, out_unit, axes),
         (from, to) => {
-            bail!("cannot turn .{from} into .{to}; grooms (.hair, .tfx) become .hair, meshes (.obj, .stl) .obj")
+            bail!(
+                "cannot turn .{from} into .{to}; grooms (.hair, .tfx, .data, .ply) become .hair, meshes (.obj, .stl, .ply) .obj"
+            )
         }
     }
 }

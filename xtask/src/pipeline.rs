@@ -36,7 +36,7 @@ pub fn load_scene(name: &str, unit: Option<&str>) -> Result<Scene> {
     let path = Path::new(name);
     match path.extension().and_then(|e| e.to_str()) {
         Some("toml") => Scene::read(path).with_context(|| format!("reading scene {name}")),
-        Some("hair" | "tfx") => {
+        Some("hair" | "tfx" | "data" | "ply") => {
             let Some(unit) = unit else {
                 bail!("{name} is a groom without a unit of length: add --unit m, cm, mm, in, or centimetres per unit");
             };
@@ -46,7 +46,10 @@ pub fn load_scene(name: &str, unit: Option<&str>) -> Result<Scene> {
         }
         _ => {
             let known: Vec<_> = BUILT_IN.iter().map(|(known, _)| *known).collect();
-            bail!("{name} is neither a .toml scene, a .hair or .tfx groom, nor a built-in scene ({})", known.join(", "))
+            bail!(
+                "{name} is neither a .toml scene, a .hair, .tfx, .data or .ply groom, nor a built-in scene ({})",
+                known.join(", ")
+            )
         }
     }
 }

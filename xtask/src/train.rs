@@ -11,7 +11,7 @@ use std::path::PathBuf;
 /// Options of `xtask train`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// A scene (.toml), a groom (.hair, .tfx; needs --unit), or a built-in scene: salon.
+    /// A scene (.toml), a groom (.hair, .tfx, .data, .ply; needs --unit), or a built-in scene: salon.
     input: String,
     /// Length unit of a bare groom file: m, cm, mm, in, or centimetres per unit. No default: units are never guessed.
     #[arg(long)]

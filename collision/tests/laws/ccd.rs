@@ -152,6 +152,34 @@ fn a_shared_motion_of_solid_and_hair_changes_nothing() {
 }
 
 #[test]
+fn units_do_not_matter() {
+    let scaled = |pose: &Isometry3<f64>, by: f64| {
+        Isometry3::from_parts(Translation3::from(pose.translation.vector * by), pose.rotation)
+    };
+    let (points, triangles) = meshes::torus(1.0, 0.3, 24, 12);
+    let plain = Surface::new(&points, &triangles).expect("a good mesh");
+    // Powers of two scale every number exactly: a millionth and a million.
+    for by in [2.0_f64.powi(-20), 2.0_f64.powi(20)] {
+        let larger: Vec<_> = points.iter().map(|p| p.map(|x| x * by as f32)).collect();
+        let larger = Surface::new(&larger, &triangles).expect("a good mesh");
+        let mut random = Random::new(44);
+        let mut hits = 0;
+        for _ in 0..500 {
+            let pose = pose(&mut random, 2.0, 2.0);
+            let a = vector(&mut random, 1.5);
+            let sweep = Sweep { start: [a, a + vector(&mut random, 0.8)], end: [a, a + vector(&mut random, 0.8)] };
+            let large_pose = SolidPose { from: scaled(&pose.from, by), to: scaled(&pose.to, by) };
+            let large = Sweep { start: sweep.start.map(|x| x * by), end: sweep.end.map(|x| x * by) };
+            let one = first_touch(&plain, &pose, &sweep, TOLERANCE);
+            let other = first_touch(&larger, &large_pose, &large, TOLERANCE * by);
+            hits += usize::from(one.is_some());
+            assert_eq!(one.map(|h| (h.time, h.triangle, h.point * by)), other.map(|h| (h.time, h.triangle, h.point)));
+        }
+        assert!(hits > 50, "{hits} hits: the law was hardly tried");
+    }
+}
+
+#[test]
 fn a_face_that_moves_meets_a_segment_that_rests() {
     let triangles = [[0, 1, 2]];
     let at = |z: f32| [[-1.0, -1.0, z], [1.0, -1.0, z], [0.0, 1.0, z]];

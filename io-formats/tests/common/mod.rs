@@ -34,17 +34,32 @@ pub fn hair_header(strands: u32, points: u32, bits: u32, default_segments: u32) 
     b
 }
 
-/// A version 4 `.tfx` file of `strands` strands of `n` points on lines along z, 1 apart.
+/// A `.tfx` file of `strands` strands of `n` points on lines along z, 1 apart; before version 4 in the older layout.
 pub fn tfx_bytes(version: f32, strands: u32, n: u32) -> Vec<u8> {
+    let (header_bytes, offset_at) = if version < 4.0 { (296, 144) } else { (160, 12) };
     let mut b = version.to_le_bytes().to_vec();
-    for word in [strands, n, 160] {
+    for word in [strands, n] {
         b.extend_from_slice(&word.to_le_bytes());
     }
-    b.resize(160, 0);
+    b.resize(header_bytes, 0);
+    b[offset_at..offset_at + 4].copy_from_slice(&(header_bytes as u32).to_le_bytes());
     for s in 0..strands {
         for i in 0..n {
-            push_floats(&mut b, &[s as f32, 0.0, i as f32, 1.0]);
+            push_floats(&mut b, &[s as f32, 0.0, i as f32]);
+            if version >= 4.0 {
+                push_floats(&mut b, &[1.0]);
+            }
         }
+    }
+    b
+}
+
+/// A `.data` file of a strand of 3 points along z, a root without hair, and a strand of 2 points.
+pub fn data_bytes() -> Vec<u8> {
+    let mut b = 3_i32.to_le_bytes().to_vec();
+    for (x, n) in [(0.0, 3), (5.0, 1), (1.0, 2)] {
+        b.extend_from_slice(&i32::to_le_bytes(n));
+        (0..n).for_each(|i| push_floats(&mut b, &[x, 0.0, i as f32]));
     }
     b
 }

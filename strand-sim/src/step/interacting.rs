@@ -45,6 +45,14 @@ impl InteractionParams {
         }
     }
 
+    /// Hairs of a thickness (cm) that press and rub on each other, but neither stick nor are followed through crossings:
+    /// the friction of AS16 §7.1, which asks for no coupled solve.
+    #[must_use]
+    pub fn rubbing(thickness_cm: f64) -> Self {
+        let repulsion = RepulsionParams { thickness_cm, ..RepulsionParams::standard() };
+        Self { stiction: StictionParams::off(), repulsion, collision: None, ..Self::dry() }
+    }
+
     /// Checks every constant.
     ///
     /// # Errors
@@ -140,6 +148,7 @@ impl StrandSystem {
             report.step.contacts += work.report.contacts;
             report.step.quarantined += work.report.quarantined;
             report.step.touches += work.report.touches;
+            report.step.refined += work.report.refined;
             report.step.passing += work.report.passing;
         }
         report
@@ -196,7 +205,7 @@ impl StrandSystem {
             w.next.extend(w.velocity.iter().zip(&w.position).map(|(v, x)| x + v * span.h));
             // Repulsion in a clump stretches hair again.
             self.limit_flat(params.strain_limit, &w.inv_mass, &mut w.next);
-            if let Some(params) = &interaction.collision {
+            if let Some(collision) = &interaction.collision {
                 if two {
                     // With a second solve only what collisions change reaches the velocity.
                     w.before.clone_from(&w.velocity);
@@ -205,11 +214,11 @@ impl StrandSystem {
                 report.collision = match &input.roots {
                     RootMotion::Head { .. } => {
                         let poses = [input.roots.at(0, span.begin), input.roots.at(0, span.end)];
-                        collide_as_seen_from(&poses, self.n_main, links, params, span.h, w)
+                        collide_as_seen_from(&poses, self.n_main, links, collision, span.h, w)
                     }
                     RootMotion::Frames { .. } => {
                         let (next, velocity) = (&mut w.next, &mut w.velocity);
-                        collide(&strands, next, velocity, links, params, span.h, &mut w.collision)
+                        collide(&strands, next, velocity, links, collision, span.h, &mut w.collision)
                     }
                 };
                 report.collision.unresolved += unresolved;
@@ -223,7 +232,7 @@ impl StrandSystem {
             let (next, change) = (&*next, &*velocity);
             self.each_batch(state, works, |batch, state, work| {
                 self.scatter(batch, state, work, next, change, two);
-                self.hold_off(batch, state, input, span, work);
+                self.hold_off(batch, state, input, params, span, work);
             });
         });
         // Steps 7 to 9.

@@ -14,13 +14,12 @@ fn no_segment_at_rest_is_gone_through_unseen() {
 }
 
 #[test]
-fn of_what_went_through_simulated_strands_a_hundredth_is_left_and_reported() {
-    /// One in 364 was left of 80,351 in 5,000 sweeps: a comb that pins a strand between its teeth and its root.
-    const LEFT: usize = 100;
+fn no_segment_of_a_simulated_strand_is_gone_through() {
     let comb = Comb::dressing().expect("a comb");
     let by_field = response(&comb, 100, 1, false).expect("strands");
     let followed = response(&comb, 100, 1, true).expect("strands");
     assert!(by_field.tunnelled > 500, "{by_field:?}: the law was hardly tried");
-    assert!(LEFT * followed.tunnelled <= by_field.tunnelled, "{followed:?} of {by_field:?}");
-    assert!(followed.tunnelled <= followed.given_up, "unreported: {followed:?}");
+    assert_eq!((followed.tunnelled, followed.given_up), (0, 0), "{followed:?}");
+    // Some of it only in smaller steps: 3 of these sweeps, 14 of the first 500.
+    assert!(followed.refined > 0, "{followed:?}");
 }
