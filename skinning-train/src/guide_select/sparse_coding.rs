@@ -20,6 +20,10 @@ use crate::reduce::Signals;
 const LEARNING_TOLERANCE: f64 = 1e-4;
 /// Optimality of codes that are reported or used.
 pub const FINAL_TOLERANCE: f64 = 1e-7;
+/// Signals looked at for each first atom.
+const CANDIDATES_PER_ATOM: usize = 64;
+/// So few are all looked at: it costs next to nothing.
+const LEAST_CANDIDATES: usize = 4096;
 /// Signals coded by one task, whose products with all atoms are one matrix product.
 const BLOCK: usize = 32;
 
@@ -118,9 +122,18 @@ pub fn code_signals(
 }
 
 /// `n` distinct signals of unit length, each drawn with a chance that goes with the energy the best of those before it
-/// leaves unexplained: plain random draws would crowd where hair is dense.
+/// leaves unexplained: plain random draws would crowd where hair is dense. Of very many signals only some are looked at,
+/// drawn plainly: every atom costs a pass over all of them.
 fn first_atoms(signals: &Signals, energies: &[f64], n: usize, rng: &mut Pcg64Mcg) -> Vec<f64> {
-    let mut left = energies.to_vec();
+    let mut from: Vec<usize> = (0..energies.len()).collect();
+    let most = (CANDIDATES_PER_ATOM * n).max(LEAST_CANDIDATES);
+    if from.len() > most {
+        from.shuffle(rng);
+        from.truncate(most);
+        // In the order they lie in memory.
+        from.sort_unstable();
+    }
+    let mut left: Vec<f64> = from.iter().map(|&s| energies[s]).collect();
     let mut atoms = Vec::with_capacity(n * signals.rank);
     let mut drawn = vec![false; left.len()];
     for _ in 0..n {
@@ -137,8 +150,8 @@ fn first_atoms(signals: &Signals, energies: &[f64], n: usize, rng: &mut Pcg64Mcg
         let Some(chosen) = chosen else { break };
         drawn[chosen] = true;
         left[chosen] = 0.0;
-        let atom = unit(signals.of(chosen));
-        left.par_iter_mut().enumerate().for_each(|(s, left)| {
+        let atom = unit(signals.of(from[chosen]));
+        left.par_iter_mut().zip(&from).for_each(|(left, &s)| {
             let along = dot(signals.of(s), &atom);
             *left = left.min((energies[s] - along * along).max(0.0));
         });
