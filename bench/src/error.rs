@@ -33,6 +33,9 @@ pub enum Error {
     /// The runtime refused the model or its parameters.
     #[error(transparent)]
     Runtime(#[from] adaptive_runtime::Error),
+    /// A model could not be trained.
+    #[error(transparent)]
+    Training(#[from] skinning_train::Error),
     /// No mode has this name.
     #[error("there is no mode {name}; the modes are {known}")]
     UnknownMode {

@@ -11,6 +11,7 @@
 //! - [`collision_checks`]: the interpolation check beside exact tests, and what culling saves
 //! - [`collision_bench`]: what distance fields cost, and their errors
 //! - [`strand_scenes`]: the tests of MS08 on single hairs and a tuft
+//! - [`training_bench`]: what the kernels of training cost, and how far they are from a general solver
 //! - [`run`]: a scene run in one of the modes compared; [`measures`]: what it is judged by
 //!
 //! Centimetre, gram, second. Everything here is a function of its parameters and seed: the same bytes on any machine
@@ -34,6 +35,7 @@ pub mod shapes_gear;
 pub mod shapes_hand;
 pub mod strand_bench;
 pub mod strand_scenes;
+pub mod training_bench;
 pub mod world;
 
 pub use error::Error;

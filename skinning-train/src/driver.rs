@@ -256,19 +256,31 @@ impl Run<'_> {
 }
 
 fn fit_error<'a>(squares: impl Iterator<Item = &'a FullSetError>, n: usize) -> FitError {
-    let mut sum = [0.0; 5];
+    let mut sum = [0.0; 8];
     for e in squares {
         let terms = [
             e.free_squared_cm,
             e.quadratic_squared_cm,
             e.linear_squared_cm,
+            e.cubic_squared_cm,
+            e.free_weight_squared,
             e.quadratic_weight_squared,
             e.linear_weight_squared,
+            e.cubic_weight_squared,
         ];
         sum.iter_mut().zip(terms).for_each(|(s, t)| *s += t);
     }
-    let [free_cm, quadratic_cm, linear_cm, quadratic_weight, linear_weight] = sum.map(|s| (s / n.max(1) as f64).sqrt());
-    FitError { free_cm, quadratic_cm, linear_cm, quadratic_weight, linear_weight }
+    let root = |at: usize| (sum[at] / n.max(1) as f64).sqrt();
+    FitError {
+        free_cm: root(0),
+        quadratic_cm: root(1),
+        linear_cm: root(2),
+        cubic_cm: root(3),
+        free_weight: root(4),
+        quadratic_weight: root(5),
+        linear_weight: root(6),
+        cubic_weight: root(7),
+    }
 }
 
 /// The model's arrays over sets, growing strand by strand.

@@ -5,3 +5,5 @@
 pub mod lasso;
 pub mod nearest;
 pub mod sparse_coding;
+mod sums;
+mod vectors;

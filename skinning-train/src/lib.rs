@@ -40,6 +40,7 @@ pub mod params;
 pub mod poly_fit;
 pub mod reduce;
 pub mod stand_ins;
+pub mod subset_lanes;
 pub mod subset_weights;
 pub mod subsets;
 pub mod transforms;

@@ -117,10 +117,16 @@ pub struct FitError {
     pub quadratic_cm: f64,
     /// RMS position error (cm) with weights linear along the strand.
     pub linear_cm: f64,
+    /// RMS position error (cm) with weights cubic along the strand, not rounded.
+    pub cubic_cm: f64,
+    /// RMS of the free weights of strands with more than one eligible guide.
+    pub free_weight: f64,
     /// RMS difference of the quadratic weights to the free ones.
     pub quadratic_weight: f64,
     /// RMS difference of the linear weights to the free ones.
     pub linear_weight: f64,
+    /// RMS difference of the cubic weights to the free ones.
+    pub cubic_weight: f64,
 }
 
 /// What training did, as plain data.

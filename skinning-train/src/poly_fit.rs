@@ -40,6 +40,23 @@ impl Quadratic {
     }
 }
 
+/// cub u³ + quad u² + lin u + con: no model keeps it, only errors are compared (AS16 §6.1).
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Cubic {
+    /// Coefficient of u³.
+    pub cub: f64,
+    /// The rest.
+    pub rest: Quadratic,
+}
+
+impl Cubic {
+    /// The value at `u` in 0 (root) to 1 (tip).
+    #[must_use]
+    pub fn at(&self, u: f64) -> f64 {
+        ((self.cub * u + self.rest.quad) * u + self.rest.lin) * u + self.rest.con
+    }
+}
+
 /// The least-squares projections for one particle count.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PolyFit {
@@ -49,6 +66,8 @@ pub struct PolyFit {
     pub quadratic: Vec<[f64; 3]>,
     /// Per particle, what a unit of weight there adds to slope and value at the root of the best straight line.
     pub linear: Vec<[f64; 2]>,
+    /// Per particle, what a unit of weight there adds to cub, quad, lin, con; of three particles, the quadratic.
+    pub cubic: Vec<[f64; 4]>,
 }
 
 impl PolyFit {
@@ -65,9 +84,17 @@ impl PolyFit {
         let inverse = square.try_inverse()?;
         let line: Matrix2<f64> = products.fixed_view::<2, 2>(1, 1).into_owned();
         let line_inverse = line.try_inverse()?;
-        let quadratic = u.iter().map(|&u| (inverse * Vector3::new(u * u, u, 1.0)).into()).collect();
+        let quadratic: Vec<[f64; 3]> = u.iter().map(|&u| (inverse * Vector3::new(u * u, u, 1.0)).into()).collect();
         let linear = u.iter().map(|&u| (line_inverse * Vector2::new(u, 1.0)).into()).collect();
-        Some(Self { u, quadratic, linear })
+        let cubic = if n_particles == 3 {
+            quadratic.iter().map(|&[quad, lin, con]| [0.0, quad, lin, con]).collect()
+        } else {
+            // Not by the normal equations, whose condition is the square of this one's.
+            let basis = DMatrix::from_fn(n_particles, 4, |i, d| u[i].powi(3 - d as i32));
+            let inverse = basis.pseudo_inverse(f64::EPSILON).ok()?;
+            inverse.column_iter().map(|c| [c[0], c[1], c[2], c[3]]).collect()
+        };
+        Some(Self { u, quadratic, linear, cubic })
     }
 
     /// Number of particles.
@@ -102,6 +129,22 @@ impl PolyFit {
         for (i, share) in self.linear.iter().enumerate() {
             q.lin += share[0] * weights[i];
             q.con += share[1] * weights[i];
+        }
+        q
+    }
+
+    /// The cubic nearest to `weights`, one per particle.
+    ///
+    /// # Panics
+    /// If there are fewer weights than particles.
+    #[must_use]
+    pub fn fit_cubic(&self, weights: &[f64]) -> Cubic {
+        let mut q = Cubic::default();
+        for (i, share) in self.cubic.iter().enumerate() {
+            q.cub += share[0] * weights[i];
+            q.rest.quad += share[1] * weights[i];
+            q.rest.lin += share[2] * weights[i];
+            q.rest.con += share[3] * weights[i];
         }
         q
     }
@@ -154,6 +197,13 @@ mod tests {
                 assert!(product.abs() < ROUND_OFF, "degree {degree}: {product:e}");
             }
         }
+        let cubic = fit.fit_cubic(&weights);
+        for degree in 0..4 {
+            let product: f64 = fit.u.iter().zip(&weights).map(|(&u, w)| (w - cubic.at(u)) * u.powi(degree)).sum();
+            assert!(product.abs() < ROUND_OFF, "degree {degree}: {product:e}");
+        }
+        let flat = PolyFit::new(3).expect("three particles");
+        assert_eq!(flat.fit_cubic(&weights[..3]), Cubic { cub: 0.0, rest: flat.fit(&weights[..3]) });
         assert!(PolyFit::new(2).is_none());
     }
 

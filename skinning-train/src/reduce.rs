@@ -49,6 +49,25 @@ impl Signals {
     }
 }
 
+impl Signals {
+    /// The same signals in their own span: at most as many dimensions as signals, with all lengths and angles kept (the
+    /// triangular factor of a QR decomposition). Eq. (9) and (10) are what they were, and cheaper where signals are longer than
+    /// they are many. Atoms over it are not atoms over the original coordinates.
+    #[must_use]
+    pub fn in_own_span(&self) -> Self {
+        let n = self.n_strands();
+        if self.rank <= n {
+            return self.clone();
+        }
+        faer::set_global_parallelism(Par::Seq);
+        let tall = MatRef::from_column_major_slice(&self.coords, self.rank, n);
+        let qr = tall.qr();
+        let triangle = qr.thin_R();
+        let coords = (0..n).flat_map(|s| (0..n).map(move |d| if d <= s { triangle[(d, s)] } else { 0.0 })).collect();
+        Self { rank: n, coords, ..*self }
+    }
+}
+
 /// Streams `frames` and returns all strands' signals in at most `rank` dimensions. `oversample` further dimensions sharpen
 /// the basis before it is cut. `on_frame` hears of every frame read, of twice the number of frames.
 ///
@@ -282,6 +301,23 @@ mod tests {
             last = signals.lost_energy;
         }
         assert!(last < ROUND_OFF, "twelve mixed modes need no more than twelve dimensions");
+    }
+
+    #[test]
+    fn long_signals_keep_their_products_in_their_own_span() {
+        let mut rng = Pcg64Mcg::seed_from_u64(13);
+        let coords = (0..5 * 70).map(|_| rng.random_range(-1.0..1.0)).collect();
+        let long = Signals { rank: 70, coords, scale: 1.0, lost_energy: 0.0 };
+        let short = long.in_own_span();
+        assert_eq!((short.rank, short.n_strands()), (5, 5));
+        let product =
+            |s: &Signals, a: usize, b: usize| -> f64 { s.of(a).iter().zip(s.of(b)).map(|(x, y)| x * y).sum() };
+        for a in 0..5 {
+            for b in 0..5 {
+                assert!((product(&long, a, b) - product(&short, a, b)).abs() < 1e-12, "signals {a}, {b}");
+            }
+        }
+        assert_eq!(short.in_own_span(), short);
     }
 
     #[test]

@@ -9,6 +9,7 @@
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, ZeroConeT};
 use io_formats::skinning_model::MAX_ELIGIBLE;
+use multiversion::multiversion;
 
 /// Ridge per mean diagonal entry of H.
 const RELATIVE_RIDGE: f64 = 1e-9;
@@ -16,6 +17,8 @@ const RELATIVE_RIDGE: f64 = 1e-9;
 const POSITION_NOISE_CM: f64 = 1e-5;
 /// Accuracy asked of the general solver, absolute and relative, after scaling to unit mean diagonal.
 const GENERAL_TOLERANCE: f64 = 1e-12;
+/// Rounds of scaling and solving: whether unknowns are scaled too.
+const GENERAL_ROUNDS: [bool; 4] = [false, false, true, true];
 
 /// A symmetric matrix over eligible guides; rows and columns past k are not read.
 pub type Square = [[f64; MAX_ELIGIBLE]; MAX_ELIGIBLE];
@@ -23,7 +26,12 @@ pub type Square = [[f64; MAX_ELIGIBLE]; MAX_ELIGIBLE];
 /// What is added to the diagonal of H: 1e-9 of its mean, and the noise of `n_frames` recorded positions.
 #[must_use]
 pub fn ridge(h: &Square, k: usize, n_frames: usize) -> f64 {
-    let trace: f64 = (0..k).map(|g| h[g][g]).sum();
+    ridge_of_trace((0..k).map(|g| h[g][g]).sum(), k, n_frames)
+}
+
+/// [`ridge`], from the sum of the `k` diagonal entries of H.
+#[must_use]
+pub fn ridge_of_trace(trace: f64, k: usize, n_frames: usize) -> f64 {
     RELATIVE_RIDGE * trace / k as f64 + n_frames as f64 * POSITION_NOISE_CM * POSITION_NOISE_CM
 }
 
@@ -36,6 +44,35 @@ pub fn quadratic_form(h: &Square, k: usize, w: &[f64; MAX_ELIGIBLE]) -> f64 {
         total += w[a] * row;
     }
     total
+}
+
+/// wᵀ H w / (Σw)² in twice the working precision: near the ridge, plain sums lose seven digits of it to cancellation.
+#[must_use]
+pub fn quadratic_form_exactly(h: &Square, k: usize, w: &[f64; MAX_ELIGIBLE]) -> f64 {
+    let (mut value, mut sum) = ([0.0; 2], [0.0; 2]);
+    for a in 0..k {
+        sum = plus(sum, w[a]);
+        for b in 0..k {
+            let (product, rest) = times(w[a], w[b]);
+            let (term, term_rest) = times(product, h[a][b]);
+            value = plus(plus(value, term), rest.mul_add(h[a][b], term_rest));
+        }
+    }
+    let total = sum[0] + sum[1];
+    (value[0] + value[1]) / (total * total)
+}
+
+/// a b, and what rounding left of it.
+fn times(a: f64, b: f64) -> (f64, f64) {
+    let product = a * b;
+    (product, a.mul_add(b, -product))
+}
+
+/// A sum of two parts and a number; the second part is what the first cannot hold.
+fn plus([high, low]: [f64; 2], x: f64) -> [f64; 2] {
+    let sum = high + x;
+    let of_x = sum - high;
+    [sum, low + (high - (sum - of_x)) + (x - of_x)]
 }
 
 /// Memory and results of [`SubsetWeights::solve`].
@@ -64,66 +101,7 @@ impl SubsetWeights {
     /// If k is not 1 to 9.
     pub fn solve(&mut self, h: &Square, k: usize, ridge: f64) {
         assert!((1..=MAX_ELIGIBLE).contains(&k), "{k} eligible guides");
-        // The factor of the present mask, one row per guide from its highest bit down, and what follows from it.
-        let mut factor: Square = [[0.0; MAX_ELIGIBLE]; MAX_ELIGIBLE];
-        let mut inverse = [0.0; MAX_ELIGIBLE];
-        let mut forward = [0.0; MAX_ELIGIBLE];
-        let mut guide_at = [0; MAX_ELIGIBLE];
-        for mask in 1..1_usize << k {
-            let last = mask.count_ones() as usize - 1;
-            let guide = mask.trailing_zeros() as usize;
-            guide_at[last] = guide;
-            let mut diagonal = h[guide][guide] + ridge;
-            let mut ahead = 1.0;
-            for c in 0..last {
-                let mut sum = h[guide][guide_at[c]];
-                for t in 0..c {
-                    sum -= factor[last][t] * factor[c][t];
-                }
-                let entry = sum * inverse[c];
-                factor[last][c] = entry;
-                diagonal -= entry * entry;
-                ahead -= entry * forward[c];
-            }
-            // A Schur complement of H + ridge is at least the ridge; below it there is only round-off.
-            inverse[last] = 1.0 / diagonal.max(ridge).sqrt();
-            forward[last] = ahead * inverse[last];
-
-            let mut x = [0.0; MAX_ELIGIBLE];
-            let (mut total, mut negative) = (0.0, 0_usize);
-            for r in (0..=last).rev() {
-                let mut sum = forward[r];
-                for t in r + 1..=last {
-                    sum -= factor[t][r] * x[t];
-                }
-                x[r] = sum * inverse[r];
-                total += x[r];
-                if x[r] < 0.0 {
-                    negative |= 1 << guide_at[r];
-                }
-            }
-            if negative == 0 {
-                let weights = &mut self.weights[mask];
-                *weights = [0.0; MAX_ELIGIBLE];
-                for r in 0..=last {
-                    weights[guide_at[r]] = x[r] / total;
-                }
-                // The least value is 1 / (1ᵀ H⁻¹ 1).
-                self.objective[mask] = 1.0 / total;
-                self.support[mask] = mask as u16;
-            } else {
-                let mut best = f64::INFINITY;
-                while negative != 0 {
-                    let child = mask & !(negative & negative.wrapping_neg());
-                    if self.objective[child] < best {
-                        best = self.objective[child];
-                        self.support[mask] = self.support[child];
-                    }
-                    negative &= negative - 1;
-                }
-                self.objective[mask] = best;
-            }
-        }
+        walk(self, h, k, ridge);
     }
 
     /// Weights of the guides for one mask, by bit; zero outside the mask.
@@ -154,25 +132,125 @@ impl SubsetWeights {
     }
 }
 
+/// [`SubsetWeights::solve`]. Only for its `mul_add`, which is a function call where the machine's own instruction is not used.
+#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
+fn walk(all: &mut SubsetWeights, h: &Square, k: usize, ridge: f64) {
+    // The factor L D Lᵀ of the present mask, one row per guide from its highest bit down, and what follows from it.
+    let mut factor: Square = [[0.0; MAX_ELIGIBLE]; MAX_ELIGIBLE];
+    let mut unscaled = [0.0; MAX_ELIGIBLE];
+    let mut inverse_pivot = [0.0; MAX_ELIGIBLE];
+    let mut forward = [0.0; MAX_ELIGIBLE];
+    let mut scaled = [0.0; MAX_ELIGIBLE];
+    let mut guide_at = [0; MAX_ELIGIBLE];
+    for mask in 1..1_usize << k {
+        let last = mask.count_ones() as usize - 1;
+        let guide = mask.trailing_zeros() as usize;
+        guide_at[last] = guide;
+        let mut pivot = h[guide][guide] + ridge;
+        let mut ahead = 1.0;
+        for c in 0..last {
+            let mut sum = h[guide][guide_at[c]];
+            for t in 0..c {
+                sum = less_product(unscaled[t], factor[c][t], sum);
+            }
+            unscaled[c] = sum;
+            let entry = sum * inverse_pivot[c];
+            factor[last][c] = entry;
+            pivot = less_product(entry, sum, pivot);
+            ahead = less_product(entry, forward[c], ahead);
+        }
+        // A Schur complement of H + ridge is at least the ridge; below it there is only round-off.
+        inverse_pivot[last] = 1.0 / pivot.max(ridge);
+        forward[last] = ahead;
+        scaled[last] = ahead * inverse_pivot[last];
+
+        let mut x = scaled;
+        let (mut total, mut negative) = (0.0, 0_usize);
+        for t in (0..=last).rev() {
+            for r in 0..t {
+                x[r] = less_product(factor[t][r], x[t], x[r]);
+            }
+            total += x[t];
+            if x[t] < 0.0 {
+                negative |= 1 << guide_at[t];
+            }
+        }
+        if negative == 0 {
+            // The least value is 1 / (1ᵀ H⁻¹ 1).
+            let objective = 1.0 / total;
+            let weights = &mut all.weights[mask];
+            *weights = [0.0; MAX_ELIGIBLE];
+            for r in 0..=last {
+                weights[guide_at[r]] = x[r] * objective;
+            }
+            all.objective[mask] = objective;
+            all.support[mask] = mask as u16;
+        } else {
+            let mut best = f64::INFINITY;
+            while negative != 0 {
+                let child = mask & !(negative & negative.wrapping_neg());
+                if all.objective[child] < best {
+                    best = all.objective[child];
+                    all.support[mask] = all.support[child];
+                }
+                negative &= negative - 1;
+            }
+            all.objective[mask] = best;
+        }
+    }
+}
+
+/// c - a b, rounded once.
+#[inline(always)]
+fn less_product(a: f64, b: f64, c: f64) -> f64 {
+    (-a).mul_add(b, c)
+}
+
 /// The same problem for one set of `k` guides by a general interior-point solver: the reference in tests, and the path for
 /// a problem the walk does not cover. `None` when the solver gives up.
+///
+/// Its tolerances are absolute where objectives are below one, so the problem is scaled by its diagonal, solved, scaled by
+/// the objective found and solved again, later with its unknowns scaled too; by powers of two, which leave the problem what
+/// it is. The best point of all rounds counts.
 #[must_use]
 pub fn solve_general(h: &Square, k: usize, ridge: f64) -> Option<[f64; MAX_ELIGIBLE]> {
-    let mean = (0..k).map(|g| h[g][g] + ridge).sum::<f64>() / k as f64;
-    // Upper triangle, column by column. The solver minimises ½ wᵀ P w.
+    let mut ridged = *h;
+    (0..k).for_each(|g| ridged[g][g] += ridge);
+    let mut scale = (0..k).map(|g| ridged[g][g]).sum::<f64>() / k as f64;
+    let mut best: Option<(f64, [f64; MAX_ELIGIBLE])> = None;
+    for scale_unknowns in GENERAL_ROUNDS {
+        let Some(w) = interior_point(&ridged, k, scale.log2().round().exp2(), scale_unknowns) else { continue };
+        let objective = quadratic_form_exactly(&ridged, k, &w);
+        if best.is_none_or(|(least, _)| objective < least) {
+            best = Some((objective, w));
+        }
+        if objective > 0.0 {
+            scale = objective;
+        }
+    }
+    best.map(|(_, w)| w)
+}
+
+/// The point the solver finds for H over `scale`, on the simplex; in unknowns of like size if so asked. `None` when it gives up.
+#[must_use]
+pub fn interior_point(h: &Square, k: usize, scale: f64, scale_unknowns: bool) -> Option<[f64; MAX_ELIGIBLE]> {
+    // In unknowns w_g sizes_g all diagonal entries are near one: that serves where one guide errs far less than others.
+    let size = |g: usize| if scale_unknowns { (0.5 * (h[g][g] / scale).log2()).round().exp2() } else { 1.0 };
+    let sizes: Vec<f64> = (0..k).map(size).collect();
+    // Upper triangle, column by column. The solver minimises ½ xᵀ P x.
     let (mut starts, mut rows, mut values) = (vec![0], Vec::new(), Vec::new());
     for c in 0..k {
         for r in 0..=c {
             rows.push(r);
-            values.push(2.0 * (h[r][c] + if r == c { ridge } else { 0.0 }) / mean);
+            values.push(2.0 * h[r][c] / (scale * sizes[r] * sizes[c]));
         }
         starts.push(rows.len());
     }
     let p = CscMatrix::new(k, k, starts, rows, values);
-    // One row for the sum, one per sign: A w + s = b.
+    // One row for the sum, one per sign: A x + s = b.
     let a_starts = (0..=k).map(|c| 2 * c).collect();
     let a_rows = (0..k).flat_map(|c| [0, c + 1]).collect();
-    let a_values = (0..k).flat_map(|_| [1.0, -1.0]).collect();
+    let a_values = sizes.iter().flat_map(|size| [1.0 / size, -1.0]).collect();
     let a = CscMatrix::new(k + 1, k, a_starts, a_rows, a_values);
     let mut b = vec![0.0; k + 1];
     b[0] = 1.0;
@@ -190,8 +268,11 @@ pub fn solve_general(h: &Square, k: usize, ridge: f64) -> Option<[f64; MAX_ELIGI
         return None;
     }
     let mut w = [0.0; MAX_ELIGIBLE];
-    w[..k].copy_from_slice(&solver.solution.x);
-    Some(w)
+    for g in 0..k {
+        w[g] = solver.solution.x[g].max(0.0) / sizes[g];
+    }
+    let total: f64 = w.iter().sum();
+    Some(w.map(|w| w / total))
 }
 
 #[cfg(test)]
@@ -201,7 +282,7 @@ mod tests {
 
     use super::*;
 
-    /// Agreement of objectives with the general solver, as a share of the objective, where that is well above the ridge.
+    /// Agreement of objectives with the general solver, as a share of the objective.
     const SAME_OBJECTIVE: f64 = 1e-9;
     /// Round-off of weights.
     const ROUND_OFF: f64 = 1e-12;
@@ -284,12 +365,12 @@ mod tests {
                 let mask = rng.random_range(1..1_usize << k);
                 let (part, guides) = restrict(&ridged(&h, k, ridge), mask);
                 let Some(w) = solve_general(&part, guides.len(), 0.0) else { continue };
-                // Both points are feasible, so the lower value is the better answer: the walk must not be above.
-                let general = quadratic_form(&part, guides.len(), &w);
-                let ours = quadratic_form(&ridged(&h, k, ridge), k, walk.of(mask as u16));
-                let scale = (0..k).map(|g| h[g][g]).sum::<f64>() / k as f64;
-                assert!(ours <= general + SAME_OBJECTIVE * (general + scale), "round {round}: {ours:e} > {general:e}");
-                assert!(general <= ours + SAME_OBJECTIVE * (ours + scale), "round {round}: {general:e} > {ours:e}");
+                // Both points are feasible, so the lower value is the better answer: the walk must not be above. Where the
+                // general solver is, it is the limit: its steps are not exact.
+                let general = quadratic_form_exactly(&part, guides.len(), &w);
+                let ours = quadratic_form_exactly(&ridged(&h, k, ridge), k, walk.of(mask as u16));
+                assert!(ours <= general * (1.0 + ROUND_OFF), "round {round}: {ours:e} > {general:e}");
+                assert!(general <= ours * (1.0 + SAME_OBJECTIVE), "round {round}: {general:e} > {ours:e}");
                 n_compared += 1;
             }
         }

@@ -9,9 +9,10 @@ use io_formats::skinning_model::MAX_ELIGIBLE;
 use multiversion::multiversion;
 
 use crate::gram::{StrandGram, pair_index};
-use crate::poly_fit::{PolyFit, Quadratic, weights_at};
+use crate::poly_fit::{PolyFit, Quadratic};
 use crate::stand_ins::stand_ins;
-use crate::subset_weights::{Square, SubsetWeights, ridge};
+use crate::subset_lanes::{LANES, Lane, SubsetLanes};
+use crate::subset_weights::ridge_of_trace;
 
 /// Particles that every guide alone puts this near (cm, RMS) do not tell guides apart.
 const QUIET_CM: f64 = 1e-3;
@@ -42,23 +43,33 @@ pub struct FullSetError {
     pub quadratic_squared_cm: f64,
     /// The same with weights linear along the strand.
     pub linear_squared_cm: f64,
+    /// The same with weights cubic along the strand.
+    pub cubic_squared_cm: f64,
+    /// Mean squared free weight; zero for a strand of one guide, whose weight is one by definition.
+    pub free_weight_squared: f64,
     /// Mean squared difference of the quadratics, as used, to the free weights.
     pub quadratic_weight_squared: f64,
     /// Mean squared difference of the straight lines, as used, to the free weights.
     pub linear_weight_squared: f64,
+    /// Mean squared difference of the cubics, as used, to the free weights.
+    pub cubic_weight_squared: f64,
 }
 
 /// One thread's memory for [`strand_sets`].
 #[derive(Debug, Clone, Default)]
 pub struct SubsetsWorkspace {
-    walk: SubsetWeights,
-    /// By mask and guide, the quadratic being summed.
-    fits: Vec<[[f64; 3]; MAX_ELIGIBLE]>,
+    lanes: SubsetLanes,
+    /// By particle, the problem whose weights it takes.
+    problem: Vec<usize>,
+    /// By group of problems, what a unit of weight there adds to quad, lin, con.
+    shares: Vec<[Lane; 3]>,
     /// `k * n_particles` free weights of the full set, guide-major.
     free: Vec<f64>,
-    /// `set size * n_particles` weights of the set at hand, guide-major.
+    /// `set size * n_particles` weights of the set at hand, guide-major: as stored, and before rounding.
     used: Vec<f64>,
+    exact: Vec<f64>,
     sums: Vec<f64>,
+    products: Vec<f64>,
 }
 
 /// Solves, fits and sifts all subsets of one strand's eligible guides.
@@ -82,127 +93,139 @@ pub fn strand_sets(
     let per_point = 1.0 / (n * n_frames.max(1)) as f64;
     let mut sets = StrandSets::default();
     for mask in 1..n_masks {
-        let (mut exact, mut stored) = ([Quadratic::default(); MAX_ELIGIBLE], [Quadratic::default(); MAX_ELIGIBLE]);
+        let mut stored = [Quadratic::default(); MAX_ELIGIBLE];
         let mut bits = [[0; 3]; MAX_ELIGIBLE];
-        let mut size = 0;
-        for g in (0..k).filter(|g| mask >> g & 1 == 1) {
-            let [quad, lin, con] = ws.fits[mask][g];
-            exact[size] = Quadratic { quad, lin, con };
-            bits[size] = exact[size].to_bits();
-            stored[size] = Quadratic::from_bits(bits[size]);
-            size += 1;
+        let mut exact = [Quadratic::default(); MAX_ELIGIBLE];
+        let size = mask.count_ones() as usize;
+        fit_lanes(&ws.lanes, k, mask, &ws.shares, &mut exact);
+        for at in 0..size {
+            bits[at] = exact[at].to_bits();
+            stored[at] = Quadratic::from_bits(bits[at]);
         }
-        evaluate(&stored[..size], fit, &mut ws.used);
-        let idle = ws.used.chunks_exact(n).any(|weights| weights.iter().fold(0.0_f64, |m, &w| m.max(w)) < min_weight);
-        if idle && size > 1 {
+        evaluate(&stored[..size], fit, &mut ws.used, &mut ws.sums);
+        if size > 1 && ws.used.chunks_exact(n).any(|weights| weights.iter().all(|&w| w < min_weight)) {
             continue;
         }
-        let squared = per_point * squared_error(gram, mask, &ws.used, &mut ws.sums);
+        let squared = per_point * squared_error(gram, mask, &ws.used, &mut ws.sums, &mut ws.products);
         sets.masks.push(mask as u16);
         sets.rms_error_cm.push(squared.sqrt() as f32);
         sets.coeffs.extend_from_slice(&bits[..size]);
-        sets.largest_rounding = sets.largest_rounding.max(rounding(&exact[..size], &ws.used, fit));
+        evaluate(&exact[..size], fit, &mut ws.exact, &mut ws.sums);
+        sets.largest_rounding = sets.largest_rounding.max(largest_difference(&ws.exact, &ws.used));
     }
     sets.stand_in = stand_ins(k, &sets.masks, &sets.rms_error_cm);
     sets.full = full_set_error(gram, per_point, fit, ws);
     sets
 }
 
-/// Solves all subsets at all particles, summing the fits of each and keeping the free weights of the full set.
+/// Solves all subsets at all particles, and keeps the free weights of the full set.
 /// A particle that says nothing, as the fixed root, takes the weights of its neighbour towards the tip: even weights there
 /// would lift every guide above the least weight at the root, and no set would ever be discarded.
 fn solve_all(gram: &StrandGram, n_frames: usize, fit: &PolyFit, ws: &mut SubsetsWorkspace) {
     let (k, n) = (gram.n_guides, gram.n_particles);
-    let n_masks = 1_usize << k;
-    ws.fits.clear();
-    ws.fits.resize(n_masks, [[0.0; 3]; MAX_ELIGIBLE]);
-    ws.free.clear();
-    ws.free.resize(k * n, 0.0);
     let quiet = (k * n_frames) as f64 * QUIET_CM * QUIET_CM;
-    for i in (0..n).rev() {
-        let mut h: Square = [[0.0; MAX_ELIGIBLE]; MAX_ELIGIBLE];
-        for a in 0..k {
-            for b in a..k {
-                h[a][b] = gram.values[pair_index(k, a, b) * n + i];
-                h[b][a] = h[a][b];
+    let trace = |i: usize| -> f64 { (0..k).map(|g| gram.values[pair_index(k, g, g) * n + i]).sum() };
+    // Problems are numbered from the root; each quiet particle shares that of the first after it that is not.
+    ws.problem.clear();
+    ws.problem.resize(n, 0);
+    let mut n_problems = 0;
+    for i in 0..n {
+        ws.problem[i] = n_problems;
+        if trace(i) > quiet || i + 1 == n {
+            n_problems += 1;
+        }
+    }
+    ws.lanes.reset(k, n_problems);
+    ws.shares.clear();
+    ws.shares.resize(n_problems.div_ceil(LANES), [Lane([0.0; LANES]); 3]);
+    for i in 0..n {
+        let problem = ws.problem[i];
+        for d in 0..3 {
+            ws.shares[problem / LANES][d].0[problem % LANES] += fit.quadratic[i][d];
+        }
+        // The last particle of a problem is the one that has something to say.
+        if ws.problem.get(i + 1) != Some(&problem) {
+            ws.lanes.set_ridge(problem, ridge_of_trace(trace(i), k, n_frames));
+            for (pair, values) in gram.values.chunks_exact(n).enumerate() {
+                ws.lanes.set_pair(problem, pair, values[i]);
             }
         }
-        let trace: f64 = (0..k).map(|g| h[g][g]).sum();
-        if trace > quiet || i + 1 == n {
-            ws.walk.solve(&h, k, ridge(&h, k, n_frames));
-        }
-        let share = fit.quadratic[i];
-        for mask in 1..n_masks {
-            let weights = ws.walk.of(mask as u16);
-            let mut support = ws.walk.support(mask as u16);
-            while support != 0 {
-                let g = support.trailing_zeros() as usize;
-                for d in 0..3 {
-                    ws.fits[mask][g][d] += share[d] * weights[g];
+    }
+    ws.lanes.solve();
+    ws.free.clear();
+    let full = (1 << k) - 1;
+    for g in 0..k {
+        ws.free.extend(ws.problem.iter().map(|&problem| ws.lanes.weight(full, g, problem)));
+    }
+}
+
+/// The quadratics of one mask's weights, in bit order: AS16 Eq. (8), each lane summed by itself before they are joined.
+#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
+fn fit_lanes(lanes: &SubsetLanes, k: usize, mask: usize, shares: &[[Lane; 3]], out: &mut [Quadratic; MAX_ELIGIBLE]) {
+    let in_set = (0..k).filter(|g| mask >> g & 1 == 1);
+    for (out, g) in out.iter_mut().zip(in_set) {
+        let mut sums = [[0.0; LANES]; 3];
+        for (weights, shares) in lanes.weights(mask, g).iter().zip(shares) {
+            for d in 0..3 {
+                for lane in 0..LANES {
+                    sums[d][lane] += shares[d].0[lane] * weights.0[lane];
                 }
-                support &= support - 1;
             }
         }
-        for (g, w) in ws.walk.of((n_masks - 1) as u16)[..k].iter().enumerate() {
-            ws.free[g * n + i] = *w;
-        }
+        let [quad, lin, con] = sums.map(|s| ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7])));
+        *out = Quadratic { quad, lin, con };
     }
 }
 
-/// The weights of a set as used, guide-major.
-fn evaluate(set: &[Quadratic], fit: &PolyFit, out: &mut Vec<f64>) {
-    let n = fit.n_particles();
+/// The weights of a set as used, guide-major: [`weights_at`](crate::poly_fit::weights_at) for all particles at once.
+#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
+fn evaluate(set: &[Quadratic], fit: &PolyFit, out: &mut Vec<f64>, totals: &mut Vec<f64>) {
+    let n = fit.u.len();
     out.resize(set.len() * n, 0.0);
-    out.truncate(set.len() * n);
-    let mut at_particle = [0.0; MAX_ELIGIBLE];
-    for (i, &u) in fit.u.iter().enumerate() {
-        weights_at(set, u, &mut at_particle);
-        for g in 0..set.len() {
-            out[g * n + i] = at_particle[g];
+    totals.clear();
+    totals.resize(n, 0.0);
+    for (out, q) in out.chunks_exact_mut(n).zip(set) {
+        for ((w, total), u) in out.iter_mut().zip(totals.iter_mut()).zip(&fit.u) {
+            *w = q.at(*u).max(0.0);
+            *total += *w;
+        }
+    }
+    for out in out.chunks_exact_mut(n) {
+        for (w, total) in out.iter_mut().zip(totals.iter()) {
+            *w /= total;
         }
     }
 }
 
-/// Largest difference between the weights in use and those of the coefficients before rounding.
-fn rounding(exact: &[Quadratic], used: &[f64], fit: &PolyFit) -> f64 {
-    let n = fit.n_particles();
-    let mut largest = 0.0_f64;
-    let mut at_particle = [0.0; MAX_ELIGIBLE];
-    for (i, &u) in fit.u.iter().enumerate() {
-        weights_at(exact, u, &mut at_particle);
-        for g in 0..exact.len() {
-            largest = largest.max((used[g * n + i] - at_particle[g]).abs());
-        }
-    }
-    largest
+fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).fold(0.0, |largest, (a, b)| largest.max((a - b).abs()))
 }
 
 /// Sum over particles of wᵀ H w (cm²), for weights of the guides in `mask`, guide-major.
-fn squared_error(gram: &StrandGram, mask: usize, weights: &[f64], sums: &mut Vec<f64>) -> f64 {
+#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
+fn squared_error(gram: &StrandGram, mask: usize, weights: &[f64], sums: &mut Vec<f64>, products: &mut Vec<f64>) -> f64 {
     let (k, n) = (gram.n_guides, gram.n_particles);
     sums.clear();
     sums.resize(n, 0.0);
+    products.resize(n, 0.0);
     let in_set = |g: &usize| mask >> g & 1 == 1;
     for (row, a) in (0..k).filter(in_set).enumerate() {
+        products.fill(0.0);
         for (column, b) in (row..).zip((a..k).filter(in_set)) {
             let at = pair_index(k, a, b) * n;
             // Off the diagonal each pair stands for two entries.
             let times = if a == b { 1.0 } else { 2.0 };
-            let (wa, wb) = (&weights[row * n..(row + 1) * n], &weights[column * n..(column + 1) * n]);
-            add_terms(sums, times, &gram.values[at..at + n], wa, wb);
+            let (h, w) = (&gram.values[at..at + n], &weights[column * n..(column + 1) * n]);
+            for ((p, h), w) in products.iter_mut().zip(h).zip(w) {
+                *p += times * h * w;
+            }
+        }
+        for ((sum, p), w) in sums.iter_mut().zip(products.iter()).zip(&weights[row * n..(row + 1) * n]) {
+            *sum += p * w;
         }
     }
     // Round-off may leave a set without error slightly below zero.
     sums.iter().sum::<f64>().max(0.0)
-}
-
-#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
-fn add_terms(sums: &mut [f64], times: f64, h: &[f64], wa: &[f64], wb: &[f64]) {
-    let n = sums.len();
-    assert!(h.len() == n && wa.len() == n && wb.len() == n);
-    for i in 0..n {
-        sums[i] += times * h[i] * wa[i] * wb[i];
-    }
 }
 
 fn full_set_error(gram: &StrandGram, per_point: f64, fit: &PolyFit, ws: &mut SubsetsWorkspace) -> FullSetError {
@@ -210,19 +233,30 @@ fn full_set_error(gram: &StrandGram, per_point: f64, fit: &PolyFit, ws: &mut Sub
     let full = (1_usize << k) - 1;
     let free = std::mem::take(&mut ws.free);
     let mut error = FullSetError {
-        free_squared_cm: per_point * squared_error(gram, full, &free, &mut ws.sums),
+        free_squared_cm: per_point * squared_error(gram, full, &free, &mut ws.sums, &mut ws.products),
         ..FullSetError::default()
     };
-    let mut one = |set: &[Quadratic]| {
-        evaluate(set, fit, &mut ws.used);
-        let weight = ws.used.iter().zip(&free).map(|(a, b)| (a - b) * (a - b)).sum::<f64>() / (k * n) as f64;
-        (per_point * squared_error(gram, full, &ws.used, &mut ws.sums), weight)
+    if k > 1 {
+        error.free_weight_squared = free.iter().map(|w| w * w).sum::<f64>() / (k * n) as f64;
+    }
+    let SubsetsWorkspace { used, sums, products, .. } = ws;
+    let mut against_free = |used: &[f64], sums: &mut Vec<f64>| {
+        let weight = used.iter().zip(&free).map(|(a, b)| (a - b) * (a - b)).sum::<f64>() / (k * n) as f64;
+        (per_point * squared_error(gram, full, used, sums, products), weight)
     };
-    let per_guide =
-        |fitted: &dyn Fn(&[f64]) -> Quadratic| -> Vec<Quadratic> { free.chunks_exact(n).map(fitted).collect() };
-    let stored = per_guide(&|weights| Quadratic::from_bits(fit.fit(weights).to_bits()));
-    (error.quadratic_squared_cm, error.quadratic_weight_squared) = one(&stored);
-    (error.linear_squared_cm, error.linear_weight_squared) = one(&per_guide(&|weights| fit.fit_line(weights)));
+    let of_guides = || free.chunks_exact(n);
+    let stored: Vec<_> = of_guides().map(|weights| Quadratic::from_bits(fit.fit(weights).to_bits())).collect();
+    evaluate(&stored, fit, used, sums);
+    (error.quadratic_squared_cm, error.quadratic_weight_squared) = against_free(used, sums);
+    let lines: Vec<_> = of_guides().map(|weights| fit.fit_line(weights)).collect();
+    evaluate(&lines, fit, used, sums);
+    (error.linear_squared_cm, error.linear_weight_squared) = against_free(used, sums);
+    let cubics: Vec<_> = of_guides().map(|weights| fit.fit_cubic(weights)).collect();
+    for (i, &u) in fit.u.iter().enumerate() {
+        let total: f64 = cubics.iter().map(|q| q.at(u).max(0.0)).sum();
+        cubics.iter().enumerate().for_each(|(g, q)| used[g * n + i] = q.at(u).max(0.0) / total);
+    }
+    (error.cubic_squared_cm, error.cubic_weight_squared) = against_free(used, sums);
     ws.free = free;
     error
 }
@@ -327,6 +361,9 @@ mod tests {
         }
         assert!(sets.full.free_squared_cm.sqrt() < ROUND_OFF_CM, "{:?}", sets.full);
         assert!(sets.full.linear_squared_cm > sets.full.quadratic_squared_cm);
+        // Cubics are not rounded, and a quadratic is a cubic.
+        assert!(sets.full.cubic_squared_cm.sqrt() < ROUND_OFF_CM && sets.full.cubic_weight_squared < 1e-10);
+        assert!(sets.full.free_weight_squared > 1.0 / 16.0, "weights that sum to one over four guides");
         let best = sets.rms_error_cm.iter().copied().fold(f32::INFINITY, f32::min);
         assert_eq!(best, sets.rms_error_cm[full], "no other set explains the strand as well");
     }

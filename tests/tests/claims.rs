@@ -12,3 +12,4 @@ mod stability;
 mod strands;
 mod strands_in_contact;
 mod strands_that_pass;
+mod subset_weights;

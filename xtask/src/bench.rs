@@ -3,6 +3,7 @@
 mod collision;
 mod strand_scenes;
 mod strand_sim;
+mod training;
 
 use anyhow::Result;
 
@@ -21,6 +22,8 @@ enum What {
     StrandScenes(strand_scenes::Args),
     /// The cost of the strand simulator: ratios measured in one run, MS08 Table 2, a full head.
     StrandSim(strand_sim::Args),
+    /// The kernels of training: subset weights a second, and their errors against a general solver.
+    Training(training::Args),
 }
 
 /// Runs the command.
@@ -29,5 +32,6 @@ pub fn run(args: Args) -> Result<()> {
         What::Collision(args) => collision::run(args),
         What::StrandScenes(args) => strand_scenes::run(args),
         What::StrandSim(args) => strand_sim::run(args),
+        What::Training(args) => training::run(args),
     }
 }

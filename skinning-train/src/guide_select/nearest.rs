@@ -6,7 +6,8 @@
 
 use rayon::prelude::*;
 
-use super::sparse_coding::{Dictionary, dot};
+use super::sparse_coding::Dictionary;
+use super::vectors::dot;
 use crate::reduce::Signals;
 
 /// Strands searched by one task; the best of each are compared in order.

@@ -3,8 +3,8 @@
 //!
 //! Mini-batches of signals are coded against the present dictionary, two sums of the codes are updated, and the atoms
 //! follow by block coordinate descent on those sums, each kept within the unit ball (without a bound the penalty would
-//! shrink codes by growing atoms). Older batches fade from the sums, since their codes belong to a dictionary that is
-//! gone. Batches have a fixed order and codes are reduced in it: same inputs, same bytes, for any number of threads.
+//! shrink codes by growing atoms). A signal's new code takes the place of its old one in the sums, and starts from it.
+//! Batches have a fixed order and codes are reduced in it: same inputs, same bytes, for any number of threads.
 
 use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
@@ -12,16 +12,20 @@ use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
 use super::lasso::{Lasso, LassoStatus, LassoWorkspace};
+use super::sums::Sums;
+use super::vectors::{add_scaled, dot, multiply, products, unit};
 use crate::reduce::Signals;
 
 /// Optimality of codes while atoms still move.
 const LEARNING_TOLERANCE: f64 = 1e-4;
 /// Optimality of codes that are reported or used.
 pub const FINAL_TOLERANCE: f64 = 1e-7;
-/// How fast old batches fade: batch t keeps (1 - 1/t)^FADING of the sums before it.
-const FADING: f64 = 2.0;
-/// Sum of squared codes below which an atom cannot be updated.
-const UNUSED: f64 = 1e-10;
+/// Signals looked at for each first atom.
+const CANDIDATES_PER_ATOM: usize = 64;
+/// So few are all looked at: it costs next to nothing.
+const LEAST_CANDIDATES: usize = 4096;
+/// Signals coded by one task, whose products with all atoms are one matrix product.
+const BLOCK: usize = 32;
 
 /// What to learn.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,7 +51,8 @@ pub struct Dictionary {
     pub n_atoms: usize,
     /// Codes of all signals, strand-major: per signal the atoms it uses, ascending, with their coefficients.
     pub codes: Vec<Vec<(u32, f64)>>,
-    /// Mean over signals of the objective of AS16 Eq. (9): with the first atoms, then after each epoch.
+    /// Mean over signals of the objective of AS16 Eq. (9): for each epoch with the atoms each signal was coded over, which
+    /// move on, and at the end with the atoms returned.
     pub objective: Vec<f64>,
     /// Codes of the last pass that stopped before they were optimal.
     pub n_stopped: usize,
@@ -64,52 +69,41 @@ pub fn learn_dictionary(signals: &Signals, params: &SparseCodingParams, on_epoch
     assert!(n >= 1 && n <= n_signals, "{n} atoms cannot be learned from {n_signals} signals");
     let mut rng = Pcg64Mcg::seed_from_u64(params.seed);
     let mut order: Vec<usize> = (0..n_signals).collect();
-    let mut atoms = first_atoms(signals, n, &mut rng);
+    let energies: Vec<f64> = (0..n_signals).into_par_iter().map(|s| dot(signals.of(s), signals.of(s))).collect();
+    let mut atoms = first_atoms(signals, &energies, n, &mut rng);
     let mut objective = Vec::with_capacity(params.epochs + 1);
-    let mut coded = code_all(signals, &atoms, params.sparsity);
-    objective.push(coded.mean_objective());
-
-    // The sums of Mairal 2010: code by code (n x n) and signal by code (n x rank, atom-major).
-    let (mut code_sum, mut signal_sum) = (vec![0.0; n * n], vec![0.0; n * rank]);
-    let mut n_batches = 0.0_f64;
+    let mut coded = Coded::zeros(n_signals);
+    let mut sums = Sums::zeros(n, rank);
     for epoch in 0..params.epochs {
         order.shuffle(&mut rng);
         for batch in order.chunks(params.batch.max(1)) {
-            n_batches += 1.0;
-            let fade = (1.0 - 1.0 / n_batches).powf(FADING);
-            code_sum.iter_mut().for_each(|x| *x *= fade);
-            signal_sum.iter_mut().for_each(|x| *x *= fade);
-            let gram = gram(&atoms, rank);
-            let codes: Vec<Vec<(u32, f64)>> = batch
-                .par_iter()
-                .map_init(Coder::default, |coder, &s| {
-                    coder.code(&gram, &atoms, signals.of(s), params.sparsity, false, LEARNING_TOLERANCE).0
-                })
-                .collect();
-            for (&s, code) in batch.iter().zip(&codes) {
-                for &(j, a) in code {
-                    let j = j as usize;
-                    for &(l, b) in code {
-                        code_sum[j * n + l as usize] += a * b;
-                    }
-                    add_scaled(&mut signal_sum[j * rank..(j + 1) * rank], a, signals.of(s));
-                }
+            let new = code_some(signals, batch, &coded.codes, &atoms, params.sparsity, false, LEARNING_TOLERANCE);
+            for (&s, new) in batch.iter().zip(new) {
+                sums.exchange(signals.of(s), &coded.codes[s], &new.code);
+                coded.put(s, new, energies[s]);
             }
-            update_atoms(&mut atoms, &code_sum, &signal_sum, rank);
-        }
-        coded = code_all(signals, &atoms, params.sparsity);
-        // Not after the last epoch: what is returned must be what was coded.
-        if epoch + 1 < params.epochs {
-            for j in reseed_unused(&mut atoms, signals, &coded) {
-                code_sum[j * n..(j + 1) * n].fill(0.0);
-                (0..n).for_each(|l| code_sum[l * n + j] = 0.0);
-                signal_sum[j * rank..(j + 1) * rank].fill(0.0);
-            }
+            sums.update_atoms(&mut atoms);
         }
         objective.push(coded.mean_objective());
+        // Not after the last epoch: nothing would make use of them.
+        if epoch + 1 < params.epochs {
+            for j in reseed_unused(&mut atoms, signals, &coded) {
+                sums.forget(j);
+            }
+        }
         on_epoch(epoch as u64 + 1);
     }
-    Dictionary { atoms, n_atoms: n, codes: coded.codes, objective, n_stopped: coded.n_stopped }
+    let all: Vec<usize> = (0..n_signals).collect();
+    let last = code_some(signals, &all, &coded.codes, &atoms, params.sparsity, false, FINAL_TOLERANCE);
+    let n_stopped = last.iter().filter(|c| c.status == LassoStatus::Stopped).count();
+    let terms: Vec<f64> = last
+        .par_iter()
+        .enumerate()
+        .map(|(s, c)| self::objective(signals.of(s), &atoms, &c.code, params.sparsity))
+        .collect();
+    objective.push(terms.iter().sum::<f64>() / n_signals as f64);
+    let codes = last.into_iter().map(|c| c.code).collect();
+    Dictionary { atoms, n_atoms: n, codes, objective, n_stopped }
 }
 
 /// Codes of all `signals` over the given atoms, not negative if so asked: Eq. (9) with the dictionary fixed.
@@ -121,22 +115,25 @@ pub fn code_signals(
     sparsity: f64,
     non_negative: bool,
 ) -> (Vec<Vec<(u32, f64)>>, usize) {
-    let gram = gram(atoms, signals.rank);
-    let coded: Vec<_> = (0..signals.n_strands())
-        .into_par_iter()
-        .map_init(Coder::default, |coder, s| {
-            coder.code(&gram, atoms, signals.of(s), sparsity, non_negative, FINAL_TOLERANCE)
-        })
-        .collect();
-    let n_stopped = coded.iter().filter(|(_, status)| *status == LassoStatus::Stopped).count();
-    (coded.into_iter().map(|(code, _)| code).collect(), n_stopped)
+    let all: Vec<usize> = (0..signals.n_strands()).collect();
+    let coded = code_some(signals, &all, &[], atoms, sparsity, non_negative, FINAL_TOLERANCE);
+    let n_stopped = coded.iter().filter(|c| c.status == LassoStatus::Stopped).count();
+    (coded.into_iter().map(|c| c.code).collect(), n_stopped)
 }
 
 /// `n` distinct signals of unit length, each drawn with a chance that goes with the energy the best of those before it
-/// leaves unexplained: plain random draws would crowd where hair is dense.
-fn first_atoms(signals: &Signals, n: usize, rng: &mut Pcg64Mcg) -> Vec<f64> {
-    let energy = |s: usize| dot(signals.of(s), signals.of(s));
-    let mut left: Vec<f64> = (0..signals.n_strands()).map(energy).collect();
+/// leaves unexplained: plain random draws would crowd where hair is dense. Of very many signals only some are looked at,
+/// drawn plainly: every atom costs a pass over all of them.
+fn first_atoms(signals: &Signals, energies: &[f64], n: usize, rng: &mut Pcg64Mcg) -> Vec<f64> {
+    let mut from: Vec<usize> = (0..energies.len()).collect();
+    let most = (CANDIDATES_PER_ATOM * n).max(LEAST_CANDIDATES);
+    if from.len() > most {
+        from.shuffle(rng);
+        from.truncate(most);
+        // In the order they lie in memory.
+        from.sort_unstable();
+    }
+    let mut left: Vec<f64> = from.iter().map(|&s| energies[s]).collect();
     let mut atoms = Vec::with_capacity(n * signals.rank);
     let mut drawn = vec![false; left.len()];
     for _ in 0..n {
@@ -153,33 +150,44 @@ fn first_atoms(signals: &Signals, n: usize, rng: &mut Pcg64Mcg) -> Vec<f64> {
         let Some(chosen) = chosen else { break };
         drawn[chosen] = true;
         left[chosen] = 0.0;
-        let atom = unit(signals.of(chosen));
-        left.par_iter_mut().enumerate().for_each(|(s, left)| {
+        let atom = unit(signals.of(from[chosen]));
+        left.par_iter_mut().zip(&from).for_each(|(left, &s)| {
             let along = dot(signals.of(s), &atom);
-            *left = left.min((energy(s) - along * along).max(0.0));
+            *left = left.min((energies[s] - along * along).max(0.0));
         });
         atoms.extend(atom);
     }
     atoms
 }
 
+/// The code of one signal: the atoms it uses, ascending, with their coefficients.
+struct Code {
+    code: Vec<(u32, f64)>,
+    /// Its term of Eq. (9) without the signal's energy: what the code saves, negative.
+    saved: f64,
+    status: LassoStatus,
+}
+
+/// The latest codes of all signals, each over the atoms there were when it was coded.
 struct Coded {
     codes: Vec<Vec<(u32, f64)>>,
+    /// Terms of Eq. (9), up to round-off of a signal's energy.
     objectives: Vec<f64>,
-    n_stopped: usize,
 }
 
 impl Coded {
+    fn zeros(n: usize) -> Self {
+        Self { codes: vec![Vec::new(); n], objectives: vec![0.0; n] }
+    }
+
+    fn put(&mut self, s: usize, new: Code, energy: f64) {
+        self.codes[s] = new.code;
+        self.objectives[s] = energy + new.saved;
+    }
+
     fn mean_objective(&self) -> f64 {
         self.objectives.iter().sum::<f64>() / self.objectives.len() as f64
     }
-}
-
-fn code_all(signals: &Signals, atoms: &[f64], sparsity: f64) -> Coded {
-    let (codes, n_stopped) = code_signals(signals, atoms, sparsity, false);
-    let objectives =
-        codes.par_iter().enumerate().map(|(s, code)| objective(signals.of(s), atoms, code, sparsity)).collect();
-    Coded { codes, objectives, n_stopped }
 }
 
 /// |u - G a|² + β |a|₁ of one signal: its term of AS16 Eq. (9).
@@ -198,55 +206,55 @@ pub fn objective(signal: &[f64], atoms: &[f64], code: &[(u32, f64)], sparsity: f
 /// One thread's memory for coding.
 #[derive(Default)]
 struct Coder {
+    block: Vec<f64>,
     correlations: Vec<f64>,
     code: Vec<f64>,
     workspace: LassoWorkspace,
 }
 
-impl Coder {
-    fn code(
-        &mut self,
-        gram: &[f64],
-        atoms: &[f64],
-        signal: &[f64],
-        sparsity: f64,
-        non_negative: bool,
-        tolerance: f64,
-    ) -> (Vec<(u32, f64)>, LassoStatus) {
-        self.correlations.clear();
-        self.correlations.extend(atoms.chunks_exact(signal.len()).map(|atom| dot(atom, signal)));
-        let n_atoms = self.correlations.len();
-        self.code.resize(n_atoms, 0.0);
-        let lasso = Lasso { gram, n_atoms, penalty: sparsity, non_negative, tolerance };
-        let status = lasso.solve(&self.correlations, &mut self.code, &mut self.workspace);
-        let used = self.code.iter().enumerate().filter(|(_, a)| **a != 0.0).map(|(j, &a)| (j as u32, a)).collect();
-        (used, status)
-    }
-}
-
-/// Block coordinate descent on the sums, one atom after the other, each projected onto the unit ball.
-fn update_atoms(atoms: &mut [f64], code_sum: &[f64], signal_sum: &[f64], rank: usize) {
-    let n = atoms.len() / rank;
-    let mut step = vec![0.0; rank];
-    for j in 0..n {
-        let weight = code_sum[j * n + j];
-        if weight <= UNUSED {
-            continue;
-        }
-        step.copy_from_slice(&signal_sum[j * rank..(j + 1) * rank]);
-        for l in 0..n {
-            let shared = code_sum[j * n + l];
-            if shared != 0.0 {
-                add_scaled(&mut step, -shared, &atoms[l * rank..(l + 1) * rank]);
-            }
-        }
-        let atom = &mut atoms[j * rank..(j + 1) * rank];
-        add_scaled(atom, 1.0 / weight, &step);
-        let length = dot(atom, atom).sqrt();
-        if length > 1.0 {
-            atom.iter_mut().for_each(|x| *x /= length);
-        }
-    }
+/// Codes the signals of `which`, each starting from its code in `start` where there is one. A code of before is a good
+/// start: atoms move little between two passes.
+fn code_some(
+    signals: &Signals,
+    which: &[usize],
+    start: &[Vec<(u32, f64)>],
+    atoms: &[f64],
+    sparsity: f64,
+    non_negative: bool,
+    tolerance: f64,
+) -> Vec<Code> {
+    let rank = signals.rank;
+    let n_atoms = atoms.len() / rank;
+    let gram = products(atoms, atoms, rank);
+    let lasso = Lasso { gram: &gram, n_atoms, penalty: sparsity, non_negative, tolerance };
+    let coded: Vec<Vec<Code>> = which
+        .par_chunks(BLOCK)
+        .map_init(Coder::default, |coder, some| {
+            coder.block.clear();
+            some.iter().for_each(|&s| coder.block.extend_from_slice(signals.of(s)));
+            coder.correlations.resize(some.len() * n_atoms, 0.0);
+            multiply(&mut coder.correlations, atoms, &coder.block, rank);
+            coder.code.resize(n_atoms, 0.0);
+            let each = some.iter().zip(coder.correlations.chunks_exact(n_atoms));
+            each.map(|(&s, correlations)| {
+                coder.code.fill(0.0);
+                start.get(s).into_iter().flatten().for_each(|&(j, a)| coder.code[j as usize] = a);
+                let status = lasso.solve(correlations, &mut coder.code, &mut coder.workspace);
+                let code: Vec<(u32, f64)> =
+                    coder.code.iter().enumerate().filter(|(_, a)| **a != 0.0).map(|(j, &a)| (j as u32, a)).collect();
+                // |u - G a|² - |u|² is aᵀ GᵀG a - 2 aᵀ Gᵀu.
+                let mut saved = 0.0;
+                for &(j, a) in &code {
+                    let row = &gram[j as usize * n_atoms..(j as usize + 1) * n_atoms];
+                    let along: f64 = code.iter().map(|&(l, b)| row[l as usize] * b).sum();
+                    saved += a * (along - 2.0 * correlations[j as usize]) + sparsity * a.abs();
+                }
+                Code { code, saved, status }
+            })
+            .collect()
+        })
+        .collect();
+    coded.into_iter().flatten().collect()
 }
 
 /// Replaces atoms that no signal uses by the signals represented worst, one each; returns which were replaced.
@@ -261,44 +269,6 @@ fn reseed_unused(atoms: &mut [f64], signals: &Signals, coded: &Coded) -> Vec<usi
         atoms[j * rank..(j + 1) * rank].copy_from_slice(&unit(signals.of(s)));
     }
     unused
-}
-
-/// All products of atoms, `n_atoms * n_atoms`.
-fn gram(atoms: &[f64], rank: usize) -> Vec<f64> {
-    let n = atoms.len() / rank;
-    let mut gram = vec![0.0; n * n];
-    gram.par_chunks_mut(n).enumerate().for_each(|(j, row)| {
-        let atom = &atoms[j * rank..(j + 1) * rank];
-        for (x, other) in row.iter_mut().zip(atoms.chunks_exact(rank)) {
-            *x = dot(atom, other);
-        }
-    });
-    gram
-}
-
-/// The vector scaled to length 1; unchanged when it has none.
-fn unit(v: &[f64]) -> Vec<f64> {
-    let length = dot(v, v).sqrt();
-    if length > 0.0 { v.iter().map(|x| x / length).collect() } else { v.to_vec() }
-}
-
-/// Four sums side by side: one would wait for itself at every term.
-pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sums = [0.0; 4];
-    let (mut a4, mut b4) = (a.chunks_exact(4), b.chunks_exact(4));
-    for (x, y) in (&mut a4).zip(&mut b4) {
-        for lane in 0..4 {
-            sums[lane] += x[lane] * y[lane];
-        }
-    }
-    let rest: f64 = a4.remainder().iter().zip(b4.remainder()).map(|(x, y)| x * y).sum();
-    (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
-}
-
-fn add_scaled(out: &mut [f64], scale: f64, v: &[f64]) {
-    for (x, y) in out.iter_mut().zip(v) {
-        *x += scale * y;
-    }
 }
 
 #[cfg(test)]
@@ -336,7 +306,11 @@ mod tests {
         let (_, signals) = planted(12, 16, 600);
         let dictionary = learn_dictionary(&signals, &params(12), &mut |_| {});
         let o = &dictionary.objective;
-        assert!(o[o.len() - 1] < LEAST_GAIN * o[0], "{o:?}");
+        let energies: Vec<f64> = (0..600).map(|s| dot(signals.of(s), signals.of(s))).collect();
+        let first = first_atoms(&signals, &energies, 12, &mut Pcg64Mcg::seed_from_u64(params(12).seed));
+        let (codes, _) = code_signals(&signals, &first, 0.15, false);
+        let at_first = (0..600).map(|s| objective(signals.of(s), &first, &codes[s], 0.15)).sum::<f64>() / 600.0;
+        assert!(o[o.len() - 1] < LEAST_GAIN * at_first, "{at_first}, then {o:?}");
         assert!(o.windows(2).all(|w| w[1] <= w[0] * (1.0 + BATCH_NOISE)), "{o:?}");
         let total: f64 =
             (0..600).map(|s| objective(signals.of(s), &dictionary.atoms, &dictionary.codes[s], 0.15)).sum();
@@ -360,8 +334,25 @@ mod tests {
         let (_, signals) = planted(6, 8, 120);
         let mut atoms: Vec<f64> = (0..6).flat_map(|s| unit(signals.of(s))).collect();
         atoms[8..16].fill(0.0);
-        let coded = code_all(&signals, &atoms, 0.15);
+        let mut coded = Coded::zeros(120);
+        let all: Vec<usize> = (0..120).collect();
+        for (s, new) in code_some(&signals, &all, &[], &atoms, 0.15, false, FINAL_TOLERANCE).into_iter().enumerate() {
+            coded.put(s, new, dot(signals.of(s), signals.of(s)));
+        }
         assert_eq!(reseed_unused(&mut atoms, &signals, &coded), [1]);
         assert!((dot(&atoms[8..16], &atoms[8..16]) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_dictionary_has_the_same_bytes_for_any_number_of_threads() {
+        let (_, signals) = planted(12, 16, 600);
+        let learn = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool of threads");
+            pool.install(|| learn_dictionary(&signals, &params(12), &mut |_| {}))
+        };
+        let one = learn(1);
+        for threads in [2, 8] {
+            assert!(learn(threads) == one, "{threads} threads");
+        }
     }
 }

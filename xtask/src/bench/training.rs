@@ -1,0 +1,51 @@
+//! `xtask bench training`: what the kernels of training cost, how far they are from a general solver, and how well weights
+//! fit along the strand. Sparse coding beside another library: bench/scripts/compare_spams.py.
+
+use crate::report::write_beside;
+use anyhow::{Result, ensure};
+use hair_bench::strand_bench::Row;
+use hair_bench::training_bench::{errors, fits, speed};
+use serde_json::{Map, Value, json};
+use std::path::PathBuf;
+
+/// Options of `xtask bench training`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Also write the figures to this file.
+    #[arg(long)]
+    json: Option<PathBuf>,
+    /// Only this part: speed, errors or fits.
+    #[arg(long)]
+    only: Option<String>,
+}
+
+type Part = (&'static str, fn() -> Result<Vec<Row>, hair_bench::Error>);
+
+const PARTS: [Part; 3] = [("speed", speed), ("errors", errors), ("fits", fits)];
+
+/// Runs the command.
+pub fn run(args: Args) -> Result<()> {
+    let wanted = |name: &str| args.only.as_deref().is_none_or(|only| only == name);
+    ensure!(
+        PARTS.iter().any(|p| wanted(p.0)),
+        "there is no part {}; see --help",
+        args.only.as_deref().unwrap_or_default()
+    );
+    let mut figures = Map::new();
+    for (_, part) in PARTS.iter().filter(|p| wanted(p.0)) {
+        for (name, unit, value) in part()? {
+            // Rates run to hundreds of millions, errors to the last bit.
+            let shown = if value == 0.0 || (1e-3..1e6).contains(&value) {
+                format!("{value:.3}")
+            } else {
+                format!("{value:.3e}")
+            };
+            println!("{name:<36} {shown:>12} {unit}");
+            figures.insert(name.to_owned(), json!(value));
+        }
+    }
+    if let Some(path) = &args.json {
+        write_beside(path, &serde_json::to_vec_pretty(&Value::Object(figures))?)?;
+    }
+    Ok(())
+}
