@@ -1,9 +1,12 @@
 //! Recorded frames: the trait the trainer reads through, frames in memory for tests, and a store on disk larger than memory.
 //!
 //! Positions are those of all particles in the head frame (cm), strand-major, root first. A store is a 64-byte header and
-//! then chunks of equal size, one per frame, each with its own checksum, so that frame `f` is found without an index and
-//! a damaged frame does not hide the others. Writing streams to `<path>.tmp`, renamed by `finish`: a store that exists is
+//! then one chunk per frame: 24 bytes with the checksum of all that follows in it, time, sequence and length, and the positions
+//! to half of [`STEP_CM`], packed. After the last chunk stands where each one ends, so that a damaged frame does not hide the
+//! others. Writing streams to `<path>.tmp`, renamed by `finish`: a store that exists is
 //! complete. An unfinished one can be taken up again after its last whole frame.
+
+mod packing;
 
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};
@@ -14,11 +17,13 @@ use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 use crate::envelope::{Kind, MAGIC, check_tag, publish, temporary_path, u64_at};
 use crate::error::{Error, Result};
 
+pub use packing::STEP_CM;
+
 /// Version of the store's layout.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 const HEADER_BYTES: usize = 64;
-/// Checksum, time, sequence, padding.
+/// Checksum, time, sequence, length of the payload.
 const CHUNK_HEADER_BYTES: usize = 24;
 /// Frame count of a store that was never finished.
 const UNFINISHED: u64 = u64::MAX;
@@ -167,16 +172,13 @@ impl Header {
     fn points(self) -> u64 {
         u64::from(self.n_strands) * u64::from(self.n_particles)
     }
-
-    fn chunk_bytes(self) -> u64 {
-        self.points().saturating_mul(12).saturating_add(CHUNK_HEADER_BYTES as u64)
-    }
 }
 
-fn chunk_header(info: FrameInfo, payload: &[u8]) -> [u8; CHUNK_HEADER_BYTES] {
+fn chunk_header(info: FrameInfo, payload: &[u8], n_bytes: u32) -> [u8; CHUNK_HEADER_BYTES] {
     let mut c = [0; CHUNK_HEADER_BYTES];
     c[8..16].copy_from_slice(&info.time_s.to_le_bytes());
     c[16..20].copy_from_slice(&info.sequence.to_le_bytes());
+    c[20..].copy_from_slice(&n_bytes.to_le_bytes());
     let sum = chunk_checksum(&c[8..], payload);
     c[..8].copy_from_slice(&sum.to_le_bytes());
     c
@@ -193,6 +195,18 @@ fn chunk_info(c: &[u8]) -> FrameInfo {
     FrameInfo { sequence: u64_at(c, 16) as u32, time_s: f64::from_bits(u64_at(c, 8)) }
 }
 
+/// Where chunks end, and the checksum of that.
+fn index_bytes(ends: &[u64]) -> Vec<u8> {
+    let mut bytes: Vec<u8> = ends.iter().flat_map(|end| end.to_le_bytes()).collect();
+    let sum = xxh3_64(&bytes);
+    bytes.extend(sum.to_le_bytes());
+    bytes
+}
+
+fn payload_bytes(c: &[u8]) -> u64 {
+    u64_at(c, 16) >> 32
+}
+
 /// Streams frames to a new store.
 #[derive(Debug)]
 pub struct FrameStoreWriter {
@@ -201,6 +215,9 @@ pub struct FrameStoreWriter {
     path: PathBuf,
     header: Header,
     infos: Vec<FrameInfo>,
+    /// Where each chunk ends.
+    ends: Vec<u64>,
+    packed: Vec<u8>,
 }
 
 impl FrameStoreWriter {
@@ -213,7 +230,15 @@ impl FrameStoreWriter {
         let temporary = temporary_path(path);
         let mut file = File::create(&temporary).map_err(Error::io("create", &temporary))?;
         file.write_all(&header.to_bytes()).map_err(Error::io("write", &temporary))?;
-        Ok(Self { file: std::io::BufWriter::new(file), temporary, path: path.to_path_buf(), header, infos: Vec::new() })
+        Ok(Self {
+            file: std::io::BufWriter::new(file),
+            temporary,
+            path: path.to_path_buf(),
+            header,
+            infos: Vec::new(),
+            ends: Vec::new(),
+            packed: Vec::new(),
+        })
     }
 
     /// Takes up an unfinished store after its last undamaged frame (see [`FrameStoreWriter::infos`]), or starts a new one
@@ -232,22 +257,29 @@ impl FrameStoreWriter {
             return Self::create(path, n_strands, n_particles, provenance);
         }
         let file_bytes = file.metadata().map_err(Error::io("read", &temporary))?.len();
-        let n_whole = (file_bytes - HEADER_BYTES as u64) / header.chunk_bytes();
-        let mut infos = Vec::new();
-        // Allocated only when one whole chunk is known to be there.
-        let mut chunk = vec![0; if n_whole == 0 { 0 } else { header.chunk_bytes() as usize }];
-        for _ in 0..n_whole {
+        let (mut infos, mut ends) = (Vec::new(), Vec::new());
+        let mut end = HEADER_BYTES as u64;
+        let (mut chunk, mut packed) = ([0; CHUNK_HEADER_BYTES], Vec::new());
+        while end + CHUNK_HEADER_BYTES as u64 <= file_bytes {
             file.read_exact(&mut chunk).map_err(Error::io("read", &temporary))?;
-            if chunk_checksum(&chunk[8..CHUNK_HEADER_BYTES], &chunk[CHUNK_HEADER_BYTES..]) != u64_at(&chunk, 0) {
+            let after = end + CHUNK_HEADER_BYTES as u64 + payload_bytes(&chunk);
+            // Allocated only when so many bytes are known to be there.
+            if after > file_bytes {
+                break;
+            }
+            packed.resize(payload_bytes(&chunk) as usize, 0);
+            file.read_exact(&mut packed).map_err(Error::io("read", &temporary))?;
+            if chunk_checksum(&chunk[8..], &packed) != u64_at(&chunk, 0) {
                 break;
             }
             infos.push(chunk_info(&chunk));
+            ends.push(after);
+            end = after;
         }
-        let end = HEADER_BYTES as u64 + infos.len() as u64 * header.chunk_bytes();
         file.set_len(end).map_err(Error::io("truncate", &temporary))?;
         file.seek(SeekFrom::Start(end)).map_err(Error::io("seek in", &temporary))?;
         let file = std::io::BufWriter::new(file);
-        Ok(Self { file, temporary, path: path.to_path_buf(), header, infos })
+        Ok(Self { file, temporary, path: path.to_path_buf(), header, infos, ends, packed })
     }
 
     fn new_header(path: &Path, n_strands: usize, n_particles: usize, provenance: u64) -> Result<Header> {
@@ -268,7 +300,7 @@ impl FrameStoreWriter {
         &self.infos
     }
 
-    /// Writes one frame: head-frame positions (cm), strand-major.
+    /// Writes one frame: head-frame positions (cm), strand-major; kept to half of [`STEP_CM`].
     ///
     /// # Errors
     /// When the number of points is wrong, a point or the time is not finite, or the disk refuses.
@@ -277,17 +309,20 @@ impl FrameStoreWriter {
             let reason = format!("a frame has {} points, {} were given", self.header.points(), points.len());
             return Err(Error::BadFrame { reason });
         }
-        if let Some(i) = points.iter().position(|p| p.iter().any(|x| !x.is_finite())) {
-            let strand = i / self.header.n_particles as usize;
-            let reason = format!("frame {}, strand {strand} is not finite", self.infos.len());
-            return Err(Error::BadFrame { reason });
-        }
         if !info.time_s.is_finite() {
             return Err(Error::BadFrame { reason: format!("time of frame {} is not finite", self.infos.len()) });
         }
-        let payload: &[u8] = bytemuck::cast_slice(points);
-        self.file.write_all(&chunk_header(info, payload)).map_err(Error::io("write", &self.temporary))?;
-        self.file.write_all(payload).map_err(Error::io("write", &self.temporary))?;
+        self.packed.clear();
+        let n_particles = self.header.n_particles as usize;
+        let refuse = |reason: String| Error::BadFrame { reason: format!("frame {}, {reason}", self.infos.len()) };
+        packing::pack(points, n_particles, &mut self.packed)
+            .map_err(|i| refuse(format!("strand {} is not finite or kilometres away", i / n_particles)))?;
+        let n_bytes = u32::try_from(self.packed.len()).map_err(|_| refuse("all of it: too many particles".into()))?;
+        let header = chunk_header(info, &self.packed, n_bytes);
+        self.file.write_all(&header).map_err(Error::io("write", &self.temporary))?;
+        self.file.write_all(&self.packed).map_err(Error::io("write", &self.temporary))?;
+        let begin = self.ends.last().copied().unwrap_or(HEADER_BYTES as u64);
+        self.ends.push(begin + (header.len() + self.packed.len()) as u64);
         self.infos.push(info);
         Ok(())
     }
@@ -297,7 +332,8 @@ impl FrameStoreWriter {
     /// # Errors
     /// When the disk refuses; the unfinished file then stays.
     pub fn finish(self) -> Result<()> {
-        let Self { file, temporary, path, mut header, infos } = self;
+        let Self { mut file, temporary, path, mut header, infos, ends, .. } = self;
+        file.write_all(&index_bytes(&ends)).map_err(Error::io("write", &temporary))?;
         let mut file = file.into_inner().map_err(|e| Error::io("write", &temporary)(e.into_error()))?;
         header.n_frames = infos.len() as u64;
         file.seek(SeekFrom::Start(0)).map_err(Error::io("seek in", &temporary))?;
@@ -313,6 +349,8 @@ pub struct FrameStore {
     file: PositionedFile,
     header: Header,
     infos: Vec<FrameInfo>,
+    /// Where each chunk begins, and where the last one ends.
+    start: Vec<u64>,
 }
 
 impl FrameStore {
@@ -334,20 +372,30 @@ impl FrameStore {
                 reason: "the store was never finished; record the frames again or resume".into(),
             });
         }
-        let promised = header.n_frames.saturating_mul(header.chunk_bytes());
         let actual = file_bytes.saturating_sub(HEADER_BYTES as u64);
-        if promised != actual {
+        let index_bytes = header.n_frames.saturating_mul(8).saturating_add(8);
+        let promised = header.n_frames.saturating_mul(CHUNK_HEADER_BYTES as u64).saturating_add(index_bytes);
+        if promised > actual {
             return Err(Error::WrongLength { path: path.to_path_buf(), promised, actual });
         }
         let file = PositionedFile::new(file);
+        let mut index = vec![0; index_bytes as usize];
+        file.read_exact_at(&mut index, file_bytes - index_bytes).map_err(Error::io("read", path))?;
+        let (ends, sum) = index.split_at(index.len() - 8);
+        let mut start = vec![HEADER_BYTES as u64];
+        start.extend((0..header.n_frames as usize).map(|f| u64_at(ends, 8 * f)));
+        let in_order = start.windows(2).all(|w| w[1] >= w[0].saturating_add(CHUNK_HEADER_BYTES as u64));
+        if u64_at(sum, 0) != xxh3_64(ends) || !in_order || start.last() != Some(&(file_bytes - index_bytes)) {
+            let part = "the index at its end (or the file is cut short)".into();
+            return Err(Error::Checksum { path: path.to_path_buf(), part });
+        }
         let mut infos = Vec::with_capacity(header.n_frames as usize);
         let mut chunk = [0; CHUNK_HEADER_BYTES];
-        for frame in 0..header.n_frames {
-            let at = HEADER_BYTES as u64 + frame * header.chunk_bytes();
-            file.read_exact_at(&mut chunk, at).map_err(Error::io("read", path))?;
+        for &begin in &start[..header.n_frames as usize] {
+            file.read_exact_at(&mut chunk, begin).map_err(Error::io("read", path))?;
             infos.push(chunk_info(&chunk));
         }
-        Ok(Self { path: path.to_path_buf(), file, header, infos })
+        Ok(Self { path: path.to_path_buf(), file, header, infos, start })
     }
 
     /// Hash of everything the frames were made from, as given to the writer.
@@ -372,15 +420,14 @@ impl FrameSource for FrameStore {
     }
     fn read(&self, frame: usize, out: &mut [[f32; 3]]) -> Result<()> {
         check_request(self, frame, out.len())?;
-        let at = HEADER_BYTES as u64 + frame as u64 * self.header.chunk_bytes();
-        let mut chunk = [0; CHUNK_HEADER_BYTES];
-        let payload: &mut [u8] = bytemuck::cast_slice_mut(out);
-        self.file.read_exact_at(&mut chunk, at).map_err(Error::io("read", &self.path))?;
-        self.file.read_exact_at(payload, at + CHUNK_HEADER_BYTES as u64).map_err(Error::io("read", &self.path))?;
-        if chunk_checksum(&chunk[8..], payload) != u64_at(&chunk, 0) {
-            return Err(Error::Checksum { path: self.path.clone(), part: format!("frame {frame}") });
+        let damaged = || Error::Checksum { path: self.path.clone(), part: format!("frame {frame}") };
+        let mut chunk = vec![0; (self.start[frame + 1] - self.start[frame]) as usize];
+        self.file.read_exact_at(&mut chunk, self.start[frame]).map_err(Error::io("read", &self.path))?;
+        let (header, packed) = chunk.split_at(CHUNK_HEADER_BYTES);
+        if chunk_checksum(&header[8..], packed) != u64_at(header, 0) {
+            return Err(damaged());
         }
-        Ok(())
+        packing::unpack(packed, self.header.n_particles as usize, out).ok_or_else(damaged)
     }
 }
 

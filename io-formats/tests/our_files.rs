@@ -13,6 +13,8 @@ use io_formats::{
 
 const VERSION: u32 = 3;
 const STORE_HEADER_BYTES: usize = 64;
+/// An entry of the index of a frame store, and its checksum.
+const INDEX_BYTES: usize = 8;
 
 fn folder() -> tempfile::TempDir {
     tempfile::tempdir().unwrap()
@@ -153,12 +155,12 @@ fn every_cut_of_a_frame_store_is_refused() {
         let as_expected = match n {
             0 => matches!(error, Error::BadMagic { .. }),
             1..STORE_HEADER_BYTES => matches!(error, Error::Truncated { .. }),
-            _ => matches!(error, Error::WrongLength { .. }),
+            _ => matches!(error, Error::WrongLength { .. } | Error::Checksum { .. }),
         };
         assert!(as_expected, "{n} bytes: {error}");
     }
     std::fs::write(&path, [whole.as_slice(), b"more"].concat()).unwrap();
-    assert!(matches!(FrameStore::open(&path), Err(Error::WrongLength { .. })));
+    assert!(matches!(FrameStore::open(&path), Err(Error::Checksum { .. })));
 }
 
 #[test]
@@ -167,13 +169,15 @@ fn a_damaged_frame_is_named_and_hides_no_other() {
     let path = folder.path().join("a.frames");
     write_store(&path, 3);
     let whole = std::fs::read(&path).unwrap();
-    let chunk = (whole.len() - STORE_HEADER_BYTES) / 3;
+    // All three are of one length.
+    let index = whole.len() - INDEX_BYTES * 3 - INDEX_BYTES;
+    let chunk = (index - STORE_HEADER_BYTES) / 3;
     let mut out = vec![[0.0; 3]; 6];
     for i in 0..whole.len() {
         let mut b = whole.clone();
         b[i] ^= 1;
         std::fs::write(&path, &b).unwrap();
-        if i < STORE_HEADER_BYTES {
+        if i < STORE_HEADER_BYTES || i >= index {
             assert!(FrameStore::open(&path).is_err(), "byte {i}");
             continue;
         }
@@ -195,7 +199,7 @@ fn an_interrupted_store_goes_on_after_its_last_whole_frame_with_the_same_bytes()
     let (path, straight) = (folder.path().join("a.frames"), folder.path().join("b.frames"));
     write_store(&straight, 4);
     let whole = std::fs::read(&straight).unwrap();
-    let chunk = (whole.len() - STORE_HEADER_BYTES) / 4;
+    let chunk = (whole.len() - STORE_HEADER_BYTES - INDEX_BYTES * 5) / 4;
     // What a killed recorder leaves: the unfinished header, two frames and part of a third.
     let temporary = folder.path().join("a.frames.tmp");
     drop(FrameStoreWriter::create(&path, 2, 3, 77).unwrap());

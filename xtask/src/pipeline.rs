@@ -22,7 +22,7 @@ use strand_sim::StepParams;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Raised whenever a change makes stage outputs of equal inputs differ.
-const PIPELINE_VERSION: u64 = 9;
+const PIPELINE_VERSION: u64 = 10;
 
 /// Scenes that come with the program, by name.
 const BUILT_IN: [(&str, &str); 1] = [("salon", include_str!("../../bench/scenes/salon.toml"))];
