@@ -147,11 +147,12 @@ impl FullSpace {
 }
 
 impl World {
-    /// All strands of this world's groom, at rest in `rest`.
+    /// All strands of this world's groom, at rest in `rest`, with friction on each other if the scene asks for it.
     ///
     /// # Errors
     /// Strands that cannot be simulated.
     pub fn full_space(&self, rest: &UniformGroom, params: &StepParams) -> Result<FullSpace, Error> {
-        FullSpace::new(&self.groom, rest, &self.head, self.material, params)
+        let full = FullSpace::new(&self.groom, rest, &self.head, self.material, params)?;
+        Ok(if self.scene.train.friction { full.rubbing() } else { full })
     }
 }

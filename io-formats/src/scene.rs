@@ -294,6 +294,9 @@ pub struct TrainSpec {
     pub sparsity: f64,
     /// epsilon of AS16 Algorithm 2: guides of less weight make a set superfluous; default 0.01.
     pub min_weight: f64,
+    /// Whether hairs rub on each other wherever all of them are simulated: in recorded frames and in what runs are compared
+    /// with (AS16 §7.1); default false, since it makes a step several times as dear.
+    pub friction: bool,
     /// Seconds of one further sequence, kept out of training, that `train` measures the model's error on; default 4.
     pub held_out_seconds: f64,
 }

@@ -8,13 +8,14 @@
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, ZeroConeT};
+use io_formats::frames::STEP_CM;
 use io_formats::skinning_model::MAX_ELIGIBLE;
 use multiversion::multiversion;
 
 /// Ridge per mean diagonal entry of H.
 const RELATIVE_RIDGE: f64 = 1e-9;
 /// Differences below this (cm) are round-off of recorded positions: they must not decide between guides.
-const POSITION_NOISE_CM: f64 = 1e-5;
+const POSITION_NOISE_CM: f64 = 0.5 * STEP_CM as f64;
 /// Accuracy asked of the general solver, absolute and relative, after scaling to unit mean diagonal.
 const GENERAL_TOLERANCE: f64 = 1e-12;
 /// Rounds of scaling and solving: whether unknowns are scaled too.

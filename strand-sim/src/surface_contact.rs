@@ -2,8 +2,8 @@
 //! hair ends but not what it went through.
 //!
 //! Every segment whose way may meet a surface is followed exactly (`collision::ccd`). One that touches is held off the
-//! touched place, carried along with the solid, by moving its two ends; what moved is followed again. In the last sweeps
-//! runs of segments that still touch stop relative to the solid where they met it. Invariant: with nothing unresolved in the
+//! touched place, carried along with the solid, by moving its two ends; what moved is followed again. Then
+//! runs of segments that still touch stop relative to the solid where they met it, and at last the strand only gives way. Invariant: with nothing unresolved in the
 //! report, no segment that was free at the start met a surface on its way. MS08 §5.1.
 
 use crate::step::{Span, StepInput, Work};
@@ -26,12 +26,19 @@ const SHARE_OF_START: f64 = 0.5;
 /// Share of the way to the surface that what is stopped still goes: at its very end it would be found touching again.
 const SHARE_OF_WAY: f64 = 0.75;
 
-/// Distance at the start below which a segment is in the surface for all that can be told, cm.
-const LEAST_CM: f64 = 1e-5;
+/// Distance at the start below which a segment is in the surface for all that can be told, cm. Hair that is squeezed comes
+/// nearer by a share of its distance from substep to substep, so this is near what round-off leaves of one.
+const LEAST_CM: f64 = 1e-10;
 
-/// Sweeps that hold segments off; those up to the second number stop runs of them.
-const SWEEPS: usize = 8;
-const ALL_SWEEPS: usize = 64;
+/// Sweeps of the first try, and how many of them hold segments off before runs of segments are stopped.
+const SWEEPS: usize = 32;
+const PUSHES: usize = 8;
+
+/// Sweeps of the second try, of a strand that does nothing but give way, and how many of them hold segments off.
+const STILL_SWEEPS: usize = 48;
+const STILL_PUSHES: usize = 40;
+
+const ALL_SWEEPS: usize = SWEEPS + STILL_SWEEPS;
 
 /// What following the strands of a batch came to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -169,6 +176,10 @@ impl SurfaceWork {
         self.zone.clear();
         self.zone.resize(self.before.len(), false);
         for sweep in 0..=ALL_SWEEPS {
+            if sweep == SWEEPS {
+                self.stand_still();
+            }
+            let pushes = if sweep < SWEEPS { sweep < PUSHES } else { sweep < SWEEPS + STILL_PUSHES };
             let mut touches = 0;
             self.touched_at.clear();
             self.touched_at.resize(self.pending.len(), (f64::INFINITY, Vector3::zeros()));
@@ -182,7 +193,7 @@ impl SurfaceWork {
                 touches += 1;
                 if sweep == ALL_SWEEPS {
                     report.unresolved += 1;
-                } else if sweep >= SWEEPS || !self.push_off(i, &hit, pose) {
+                } else if !pushes || !self.push_off(i, &hit, pose) {
                     self.touched_at[i] = (hit.time, pose.to.rotation * hit.normal);
                     (self.zone[i], self.zone[i + 1]) = (true, true);
                 }
@@ -198,6 +209,17 @@ impl SurfaceWork {
             self.stop_zones(pose, sweep);
         }
         report
+    }
+
+    /// Takes back what the strand would have done by itself: hair stretched far over a tooth is drawn into it again and again.
+    fn stand_still(&mut self) {
+        for (p, zone) in self.zone.iter_mut().enumerate() {
+            *zone = false;
+            if self.inv_mass[p] > 0.0 {
+                self.after[p] = self.before[p];
+            }
+        }
+        self.pending.fill(true);
     }
 
     /// The place touched goes on with the solid; the segment's place there ends clear of it. Says whether that was any

@@ -6,7 +6,7 @@
 
 use crate::progress::Bars;
 use anyhow::{Context, Result, bail};
-use hair_bench::full_space::{FullSpace, settle};
+use hair_bench::full_space::settle;
 use hair_bench::head_motion::{HeadMotionParams, random_head_motion};
 use hair_bench::run::{ErrorPct, Mode, Reference, RunResult, blind_reach, replayed_error, run};
 use hair_bench::world::World;
@@ -133,6 +133,7 @@ pub fn prepare(scene: Scene, out: &Path, bars: &Bars) -> Result<Prepared> {
             scene.train.seconds_per_sequence.to_bits(),
             scene.train.fps.to_bits(),
             scene.train.seed,
+            u64::from(scene.train.friction),
         ],
     );
     let mut train_params = TrainParams::standard(scene.groom.guides.min(world.groom.n_strands));
@@ -211,7 +212,7 @@ fn recorded(
         }
         let motion =
             random_head_motion(spec.seed, sequence as u64, spec.seconds_per_sequence, &HeadMotionParams::lively());
-        let mut full = FullSpace::new(&world.groom, rest, &world.head, world.material, params)?;
+        let mut full = world.full_space(rest, params)?;
         for step in 1..=steps {
             let (before, now) = ((step - 1) as f64 * TRAIN_STEP_S, step as f64 * TRAIN_STEP_S);
             let (from, to) = (motion.pose_at(before), motion.pose_at(now));

@@ -70,6 +70,7 @@ impl Default for TrainSpec {
             seed: 7,
             sparsity: 0.015,
             min_weight: 0.01,
+            friction: false,
             held_out_seconds: 4.0,
         }
     }
