@@ -1,5 +1,6 @@
 //! Continuous detection of segments against moving surfaces, tried against time cut into thousands of pieces.
 
+use crate::mesh_bake::unsigned;
 use crate::meshes;
 use crate::random::Random;
 use collision::SolidPose;
@@ -149,6 +150,35 @@ fn a_shared_motion_of_solid_and_hair_changes_nothing() {
         assert_eq!(one.is_some(), other.is_some());
         assert!(one.zip(other).is_none_or(|(one, other)| (one.time - other.time).abs() < 1e-2));
     }
+}
+
+#[test]
+fn the_boxes_hide_no_triangle_from_a_segment() {
+    const PARTS: usize = 64;
+    /// Single precision of the plain distance, cm.
+    const ROUND_OFF: f64 = 1e-5;
+    let mut random = Random::new(45);
+    let mut within = 0;
+    for mesh in [meshes::torus(1.0, 0.3, 24, 12), meshes::cuboid([0.1, 0.1, 2.0]), meshes::cuboid([1.5, 0.02, 1.0])] {
+        let surface = Surface::new(&mesh.0, &mesh.1).expect("a good mesh");
+        for _ in 0..1_000 {
+            let a = vector(&mut random, 2.0);
+            let segment = [a, a + vector(&mut random, 1.5)];
+            let length = (segment[1] - segment[0]).norm();
+            // No box, no segment: points against every triangle.
+            let plain = (0..=PARTS)
+                .map(|k| segment[0].lerp(&segment[1], k as f64 / PARTS as f64))
+                .map(|p| f64::from(unsigned(&mesh, p.cast())))
+                .fold(f64::INFINITY, f64::min);
+            let found = surface.distance_within(&segment, 10.0);
+            assert!(found <= plain + ROUND_OFF, "{found} where a point is {plain} away");
+            assert!(found >= plain - 0.5 * length / PARTS as f64 - ROUND_OFF, "{found} where points are {plain} away");
+            let reach = f64::from(random.between(0.0, 1.0));
+            assert_eq!(surface.is_within(&segment, reach), found <= reach, "within {reach}, at {found}");
+            within += usize::from(found <= reach);
+        }
+    }
+    assert!(within > 500 && within < 2_500, "{within} of 3000 within reach: the law was hardly tried");
 }
 
 #[test]

@@ -16,7 +16,7 @@ fn bake((points, triangles): &Mesh, cell: f32) -> SignedDistanceField {
     bake_from_mesh(points, triangles, BakeParams::with_cell(cell)).expect("a closed mesh")
 }
 
-fn unsigned((points, triangles): &Mesh, p: Vector3<f32>) -> f32 {
+pub(crate) fn unsigned((points, triangles): &Mesh, p: Vector3<f32>) -> f32 {
     let at = |v: u32| {
         let [x, y, z] = points[v as usize];
         Vector::new(x, y, z)
