@@ -2,7 +2,9 @@
 //!
 //! Per strand: its eligible guides, the guide sets kept by training with their weight polynomials, and for each of the
 //! other combinations the kept set that stands in for it, always a subset so that a blocked guide cannot come back.
-//! [`SkinningModel::validate`] checks every invariant a reader relies on; a model that passes cannot make one panic.
+//! Its bytes are laid out in docs/MODEL_FORMAT.md. [`SkinningModel::validate`] checks every invariant a reader relies on; a model that passes cannot make one panic.
+
+mod file;
 
 use std::path::Path;
 
@@ -14,7 +16,7 @@ use crate::error::{Error, Result};
 use crate::guide_transform::Blend;
 
 /// Version of the model file.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 /// Most eligible guides of a strand; masks and stand-in tables are sized by it.
 pub const MAX_ELIGIBLE: usize = 9;
@@ -23,7 +25,7 @@ pub const MAX_ELIGIBLE: usize = 9;
 const MAX_WEIGHT_SUM_ERROR: f32 = 0.25;
 
 /// Trained weights and everything the runtime needs beside the scene.
-#[derive(Serialize, Deserialize, Clone, PartialEq, Debug)]
+#[derive(Clone, PartialEq, Debug)]
 pub struct SkinningModel {
     /// Hash of the inputs and parameters the model was trained from.
     pub provenance: u64,
@@ -47,7 +49,7 @@ pub struct SkinningModel {
     pub set_mask: Vec<u16>,
     /// Root mean square training error of each kept set (cm).
     pub set_rms_error_cm: Vec<f32>,
-    /// For each kept set, where its triples begin in `coeffs`; it has as many as its mask has bits.
+    /// For each kept set, where its triples begin in `coeffs`; it has as many as its mask has bits, set after set.
     pub coeff_start: Vec<u32>,
     /// Per guide of a set, in bit order: half-precision bits of quad, lin, con in u = i / (n_particles - 1).
     pub coeffs: Vec<[u16; 3]>,
@@ -198,9 +200,7 @@ impl SkinningModel {
     /// When an invariant is broken or the file cannot be written.
     pub fn save(&self, path: &Path) -> Result<()> {
         self.validate()?;
-        let payload = postcard::to_stdvec(self)
-            .map_err(|e| Error::CannotWrite { path: path.to_path_buf(), reason: e.to_string() })?;
-        envelope::write(path, Kind::SKINNING_MODEL, VERSION, &payload)
+        envelope::write(path, Kind::SKINNING_MODEL, VERSION, &file::to_bytes(self))
     }
 
     /// Reads a model and validates it.
@@ -209,11 +209,7 @@ impl SkinningModel {
     /// When the file is not a whole, undamaged model of this version, or an invariant is broken.
     pub fn load(path: &Path) -> Result<Self> {
         let payload = envelope::read(path, Kind::SKINNING_MODEL, VERSION)?;
-        let decode = |reason: String| Error::Decode { path: path.to_path_buf(), what: "skinning model", reason };
-        let (model, rest): (Self, _) = postcard::take_from_bytes(&payload).map_err(|e| decode(e.to_string()))?;
-        if !rest.is_empty() {
-            return Err(decode(format!("{} bytes are left over", rest.len())));
-        }
+        let model = file::from_bytes(path, &payload)?;
         model.validate()?;
         Ok(model)
     }
@@ -304,12 +300,14 @@ impl SkinningModel {
                 }
             }
         }
+        let mut begin = 0;
         for (set, (&start, &mask)) in self.coeff_start.iter().zip(&self.set_mask).enumerate() {
-            let end = u64::from(start) + u64::from(mask.count_ones());
-            if end > self.coeffs.len() as u64 {
-                let why = format!("set {set} ends at triple {end} of {}", self.coeffs.len());
+            let end = begin + u64::from(mask.count_ones());
+            if u64::from(start) != begin || end > self.coeffs.len() as u64 {
+                let why = format!("set {set} has triples {start} to {end} of {}, set after set", self.coeffs.len());
                 return Err(bad("coeff_start", why));
             }
+            begin = end;
             // By linearity the sum of the weights is the weight of the sums.
             let mut total = WeightPoly { quad: 0.0, lin: 0.0, con: 0.0 };
             for w in self.weights_of_set(set) {

@@ -216,7 +216,15 @@ impl<'a> Workshop<'a> {
             && let Some(report) = self.cache.load("report", key)?
         {
             let model = SkinningModel::load(&path).with_context(|| format!("the cached model {}", path.display()))?;
-            return Ok(Prepared { model, report, trained_now: false, path, cache: self.folder.clone(), key, workshop: self });
+            return Ok(Prepared {
+                model,
+                report,
+                trained_now: false,
+                path,
+                cache: self.folder.clone(),
+                key,
+                workshop: self,
+            });
         }
         let (model, report) = self.with_trainer(|trainer| trainer.finish())?;
         model.save(&path)?;

@@ -107,8 +107,7 @@ impl Recorder<'_> {
         for step in 1..=steps {
             let (before, now) = ((step - 1) as f64 * TRAIN_STEP_S, step as f64 * TRAIN_STEP_S);
             let (from, to) = (motion.motion.pose_at(before), motion.motion.pose_at(now));
-            let head =
-                collision::MovingSolid { solid: &self.world.head, pose: collision::SolidPose { from, to } };
+            let head = collision::MovingSolid { solid: &self.world.head, pose: collision::SolidPose { from, to } };
             full.step(TRAIN_STEP_S, &to, &[head]);
             if (now * fps + 1e-9).floor() > (before * fps + 1e-9).floor() {
                 if on_disk > 0 {
@@ -138,7 +137,10 @@ impl Recorder<'_> {
     }
 
     /// What a step took on average over the recorded motions.
-    pub fn seconds_per_step<'m>(&self, motions: impl Iterator<Item = &'m TrainingMotion>) -> Result<Option<StepSeconds>> {
+    pub fn seconds_per_step<'m>(
+        &self,
+        motions: impl Iterator<Item = &'m TrainingMotion>,
+    ) -> Result<Option<StepSeconds>> {
         let (mut sum, mut steps) = (StepSeconds::default(), 0);
         for motion in motions {
             if let Some(cost) = self.cost(motion)? {

@@ -84,7 +84,9 @@ fn training_killed_shared_out_or_on_more_threads_ends_with_the_same_bytes() {
 
     // Shared out: sequences to two processes at once, then strands to two more, then put together.
     let shared = folder.path().join("shared");
-    for shares in [[["--sequences", "0..2"], ["--sequences", "2..3"]], [["--strands", "0..4000"], ["--strands", "4000..8500"]]] {
+    for shares in
+        [[["--sequences", "0..2"], ["--sequences", "2..3"]], [["--strands", "0..4000"], ["--strands", "4000..8500"]]]
+    {
         let mut processes = shares.map(|share| train(&scene, &shared, &share).spawn().unwrap());
         for process in &mut processes {
             assert!(process.wait().unwrap().success());

@@ -88,7 +88,8 @@ mod tests {
         let joined = JoinedFrames::new(vec![of("a", 2), of("bb", 0), of("ccc", 3)]).unwrap();
         assert_eq!((joined.n_frames(), joined.n_strands(), joined.n_particles()), (5, 3, 2));
         let mut points = vec![[0.0; 3]; 6];
-        for (frame, (sequence, at, name)) in [(0, 0, 1), (0, 1, 1), (2, 0, 3), (2, 1, 3), (2, 2, 3)].into_iter().enumerate()
+        for (frame, (sequence, at, name)) in
+            [(0, 0, 1), (0, 1, 1), (2, 0, 3), (2, 1, 3), (2, 2, 3)].into_iter().enumerate()
         {
             assert_eq!(joined.info(frame), FrameInfo { sequence, time_s: f64::from(at) });
             joined.read(frame, &mut points).unwrap();

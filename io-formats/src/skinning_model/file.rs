@@ -1,0 +1,156 @@
+//! The bytes of a skinning model, as docs/MODEL_FORMAT.md lays them out: numbers first, then arrays one after the other.
+//!
+//! An array is its number of entries (`u64`), the entries, little-endian, and zeros up to a multiple of eight bytes, so
+//! that every array of the payload begins at one. Where the sets' triples begin follows from their masks and is not in the
+//! file. Reading copies each array once; every count is compared with what is left of the file before anything is allocated.
+
+use std::path::Path;
+
+use bytemuck::{Pod, cast_slice, cast_slice_mut};
+
+use super::{MaterialRecord, SkinningModel};
+use crate::bytes::ByteReader;
+use crate::error::Result;
+use crate::guide_transform::Blend;
+
+/// Arrays begin at multiples of this.
+const ALIGNMENT: usize = 8;
+
+fn put<T: Pod>(out: &mut Vec<u8>, values: &[T]) {
+    out.extend_from_slice(&(values.len() as u64).to_le_bytes());
+    out.extend_from_slice(cast_slice(values));
+    out.resize(out.len().next_multiple_of(ALIGNMENT), 0);
+}
+
+fn get<T: Pod>(reader: &mut ByteReader<'_>, field: &'static str) -> Result<Vec<T>> {
+    let count = reader.u64(field)?;
+    let bytes = reader.take(count, size_of::<T>() as u64, field)?;
+    let mut values = vec![T::zeroed(); count as usize];
+    cast_slice_mut(&mut values).copy_from_slice(bytes);
+    let at = reader.offset();
+    let padding = reader.take(at.next_multiple_of(ALIGNMENT as u64) - at, 1, field)?;
+    if padding.iter().any(|&b| b != 0) {
+        return Err(reader.bad(field, at, "is followed by bytes that are not zero"));
+    }
+    Ok(values)
+}
+
+/// The payload of a model's file.
+pub(super) fn to_bytes(model: &SkinningModel) -> Vec<u8> {
+    let m = &model.material;
+    let mut out = Vec::with_capacity(4 * model.rest_in_head.len() + 6 * model.coeffs.len() + (1 << 20));
+    out.extend_from_slice(&model.provenance.to_le_bytes());
+    for x in [model.n_strands, model.n_particles] {
+        out.extend_from_slice(&x.to_le_bytes());
+    }
+    for x in [model.velocity_weight, model.max_distance, model.release_distance] {
+        out.extend_from_slice(&x.to_le_bytes());
+    }
+    let blend: u32 = match model.blend {
+        Blend::Translation => 0,
+        Blend::Rigid => 1,
+    };
+    out.extend_from_slice(&blend.to_le_bytes());
+    let constants = [
+        m.stretch_dyn,
+        m.bend,
+        m.twist,
+        m.stretch_damping,
+        m.bend_damping,
+        m.twist_damping,
+        m.friction,
+        m.linear_density_g_per_cm,
+        m.air_drag_per_s,
+    ];
+    out.extend_from_slice(cast_slice(&constants));
+    put(&mut out, &model.groom_in_head);
+    put(&mut out, &model.rest_in_head);
+    put(&mut out, &model.guide_strands);
+    put(&mut out, &model.eligible_start);
+    put(&mut out, &model.eligible);
+    put(&mut out, &model.set_start);
+    put(&mut out, &model.set_mask);
+    put(&mut out, &model.set_rms_error_cm);
+    put(&mut out, &model.coeffs);
+    put(&mut out, &model.stand_in_start);
+    put(&mut out, &model.stand_in);
+    put(&mut out, &model.pairs);
+    put(&mut out, &model.position_scale);
+    put(&mut out, &model.velocity_scale);
+    out
+}
+
+/// A model from the payload of its file; its invariants are still to be checked.
+pub(super) fn from_bytes(path: &Path, bytes: &[u8]) -> Result<SkinningModel> {
+    let r = &mut ByteReader::new(path, bytes);
+    let provenance = r.u64("provenance")?;
+    let (n_strands, n_particles) = (r.u32("n_strands")?, r.u32("n_particles")?);
+    let (velocity_weight, max_distance) = (r.f32("velocity_weight")?, r.f32("max_distance")?);
+    let release_distance = r.f32("release_distance")?;
+    let at = r.offset();
+    let blend = match r.u32("blend")? {
+        0 => Blend::Translation,
+        1 => Blend::Rigid,
+        other => return Err(r.bad("blend", at, format!("is {other}; 0 is translation, 1 rigid"))),
+    };
+    let mut constants = [0.0; 9];
+    for x in &mut constants {
+        *x = f64::from_bits(r.u64("material")?);
+    }
+    let [stretch_dyn, bend, twist, stretch_damping, bend_damping, twist_damping, friction, density, drag] = constants;
+    let mut model = SkinningModel {
+        provenance,
+        n_strands,
+        n_particles,
+        groom_in_head: get(r, "groom_in_head")?,
+        rest_in_head: get(r, "rest_in_head")?,
+        guide_strands: get(r, "guide_strands")?,
+        eligible_start: get(r, "eligible_start")?,
+        eligible: get(r, "eligible")?,
+        set_start: get(r, "set_start")?,
+        set_mask: get(r, "set_mask")?,
+        set_rms_error_cm: get(r, "set_rms_error_cm")?,
+        coeff_start: Vec::new(),
+        coeffs: get(r, "coeffs")?,
+        stand_in_start: get(r, "stand_in_start")?,
+        stand_in: get(r, "stand_in")?,
+        pairs: get(r, "pairs")?,
+        position_scale: get(r, "position_scale")?,
+        velocity_scale: get(r, "velocity_scale")?,
+        velocity_weight,
+        max_distance,
+        release_distance,
+        blend,
+        material: MaterialRecord {
+            stretch_dyn,
+            bend,
+            twist,
+            stretch_damping,
+            bend_damping,
+            twist_damping,
+            friction,
+            linear_density_g_per_cm: density,
+            air_drag_per_s: drag,
+        },
+    };
+    if r.offset() != bytes.len() as u64 {
+        let left = bytes.len() as u64 - r.offset();
+        return Err(r.bad("the end", r.offset(), format!("{left} bytes are left over")));
+    }
+    model.coeff_start = starts_of(&model.set_mask);
+    Ok(model)
+}
+
+/// Where each set's triples begin: as many as all masks before have bits. A sum beyond `u32` wraps; a model of so many
+/// triples does not pass validation.
+fn starts_of(masks: &[u16]) -> Vec<u32> {
+    let mut at = 0_u32;
+    masks
+        .iter()
+        .map(|mask| {
+            let start = at;
+            at = at.wrapping_add(mask.count_ones());
+            start
+        })
+        .collect()
+}
