@@ -24,10 +24,10 @@ use crate::guide_select::nearest::nearest_strands;
 use crate::guide_select::sparse_coding::{SparseCodingParams, learn_dictionary};
 use crate::keys::Keys;
 use crate::motion_scales::{CalibrationParams, MotionScales, calibrate};
-use crate::params::{FitError, Progress, TrainParams, TrainReport};
+use crate::params::{FitError, JudgedFit, Progress, TrainParams, TrainReport};
 use crate::poly_fit::PolyFit;
 use crate::reduce::reduce;
-use crate::subsets::{FullSetError, SubsetsWorkspace, strand_sets};
+use crate::subsets::{FullSetError, SubsetsWorkspace, best_set_error, strand_sets};
 
 /// Gram matrices held at a time: blocks that fit share one pass over the frames.
 const GRAM_BYTES: usize = 1536 << 20;
@@ -58,6 +58,15 @@ pub struct Guides {
     pub pairs: Vec<[u16; 2]>,
     /// A_ij, B_ij and δ.
     pub scales: MotionScales,
+}
+
+impl Guides {
+    /// Strands spread evenly over those that are not guides, at most `n` of them.
+    fn sample(&self, n_strands: usize, n: usize) -> Vec<u32> {
+        let normal: Vec<u32> = (0..n_strands as u32).filter(|s| self.strands.binary_search(s).is_err()).collect();
+        let n = n.min(normal.len());
+        (0..n).map(|i| normal[i * normal.len() / n]).collect()
+    }
 }
 
 /// What is kept of choosing guides.
@@ -344,14 +353,45 @@ impl<'a> Trainer<'a> {
         self.report.largest_rounding = sets.largest_rounding;
     }
 
+    /// How well guides alone serve, before the weights of all strands are worth solving: errors with quadratic weights on a
+    /// sample of strands, on the frames trained on and on others. `judged` is hashed as `judged_key`.
+    ///
+    /// # Errors
+    /// When a frame cannot be read or is not finite, or a stage cannot be kept.
+    pub fn judge(&mut self, judged: &dyn FrameSource, judged_key: u64) -> Result<JudgedFit> {
+        let guides = self.choose_guides()?;
+        let chosen = guides.sample(self.frames.n_strands(), self.params.n_compared);
+        let (frames, rest, blend) = (self.frames, self.inputs.rest, self.params.blend);
+        let (fit, min_weight) = (self.fit.clone(), self.params.min_weight);
+        let total = (frames.n_frames() + judged.n_frames()) as u64;
+        let key = self.keys().judge(chosen.len(), judged_key);
+        self.stage("judge", key, total, |tick| {
+            let (strands, eligible) = (&guides.strands, &guides.eligible);
+            let trained = accumulate(frames, rest, strands, eligible, &chosen, blend, tick)?;
+            let on_others = accumulate(judged, rest, strands, eligible, &chosen, blend, &mut |done| {
+                tick(frames.n_frames() as u64 + done);
+            })?;
+            let errors: Vec<[f64; 2]> = trained
+                .par_iter()
+                .zip(&on_others)
+                .map_init(SubsetsWorkspace::default, |ws, (trained, other)| {
+                    let sets = strand_sets(trained, frames.n_frames(), &fit, min_weight, ws);
+                    [(trained, frames.n_frames()), (other, judged.n_frames())]
+                        .map(|(gram, n)| best_set_error(&sets, gram, n, &fit))
+                })
+                .collect();
+            let rms = |at: usize| (errors.iter().map(|e| e[at]).sum::<f64>() / errors.len().max(1) as f64).sqrt();
+            Ok(JudgedFit { n_guides: strands.len(), n_strands: chosen.len(), trained_cm: rms(0), judged_cm: rms(1) })
+        })
+    }
+
     /// Fit errors of the kind of transform trained for and of the other, on strands spread evenly over those that are not guides.
     fn compare_blends(&mut self, guides: &Guides, trained: &[FullSetError]) -> Result<()> {
-        let normal: Vec<u32> = (0..trained.len() as u32).filter(|s| guides.strands.binary_search(s).is_err()).collect();
-        let n = self.params.n_compared.min(normal.len());
+        let chosen = guides.sample(trained.len(), self.params.n_compared);
+        let n = chosen.len();
         if n == 0 {
             return Ok(());
         }
-        let chosen: Vec<u32> = (0..n).map(|i| normal[i * normal.len() / n]).collect();
         let n_frames = self.frames.n_frames();
         let other = match self.params.blend {
             Blend::Translation => Blend::Rigid,

@@ -53,6 +53,10 @@ impl Keys<'_> {
         stage_key("compare", &[self.weights(), n_compared as u64])
     }
 
+    pub fn judge(&self, n_strands: usize, judged: u64) -> u64 {
+        stage_key("judge", &[self.weights(), n_strands as u64, judged])
+    }
+
     pub fn model(&self) -> u64 {
         stage_key("model", &[self.weights(), self.scales()])
     }

@@ -135,6 +135,19 @@ pub struct FitError {
     pub cubic_weight: f64,
 }
 
+/// Errors with quadratic weights on a sample of strands that are not guides.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct JudgedFit {
+    /// Guides.
+    pub n_guides: usize,
+    /// Strands in the sample.
+    pub n_strands: usize,
+    /// RMS position error (cm) on the frames trained on.
+    pub trained_cm: f64,
+    /// RMS position error (cm) on the frames it is judged on.
+    pub judged_cm: f64,
+}
+
 /// What training did, as plain data.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct TrainReport {

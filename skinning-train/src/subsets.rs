@@ -229,6 +229,24 @@ fn squared_error(gram: &StrandGram, mask: usize, weights: &[f64], sums: &mut Vec
     sums.iter().sum::<f64>().max(0.0)
 }
 
+/// Mean squared error (cm²) of the set that stands in for all eligible guides, on frames of `gram`, which need not be those
+/// the sets were solved on.
+///
+/// # Panics
+/// If the sets are of a strand with another number of guides.
+#[must_use]
+pub fn best_set_error(sets: &StrandSets, gram: &StrandGram, n_frames: usize, fit: &PolyFit) -> f64 {
+    let set = usize::from(sets.stand_in[(1 << gram.n_guides) - 2]);
+    let first: usize = sets.masks[..set].iter().map(|m| m.count_ones() as usize).sum();
+    let mask = sets.masks[set];
+    let stored: Vec<_> =
+        sets.coeffs[first..first + mask.count_ones() as usize].iter().map(|&bits| Quadratic::from_bits(bits)).collect();
+    let (mut used, mut sums, mut products) = (Vec::new(), Vec::new(), Vec::new());
+    evaluate(&stored, fit, &mut used, &mut sums);
+    squared_error(gram, usize::from(mask), &used, &mut sums, &mut products)
+        / (gram.n_particles * n_frames.max(1)) as f64
+}
+
 fn full_set_error(gram: &StrandGram, per_point: f64, fit: &PolyFit, ws: &mut SubsetsWorkspace) -> FullSetError {
     let (k, n) = (gram.n_guides, gram.n_particles);
     let full = (1_usize << k) - 1;

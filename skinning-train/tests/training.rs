@@ -211,6 +211,25 @@ fn shards_of_strands_merge_to_the_same_bytes() {
 }
 
 #[test]
+fn judged_on_the_frames_trained_on_both_errors_are_those_of_training() {
+    let params = TrainParams { n_compared: N_STRANDS, ..TrainParams::standard(12) };
+    let (groom, frames) = (groom(), frames());
+    let inputs = TrainInputs { rest: &groom, groom: &groom, material: material(), provenance: 77 };
+    let mut silent = |_| {};
+    let judged = Trainer::new(&frames, inputs, &params, None, &mut silent).unwrap().judge(&frames, 1).unwrap();
+    assert_eq!((judged.n_guides, judged.n_strands), (12, N_STRANDS - 12));
+    assert_eq!(judged.trained_cm, judged.judged_cm);
+    let report = check(&params).1;
+    // Where the set of all eligible guides was discarded, the one that stands in is nearly as good.
+    let ratio = judged.trained_cm / report.fit.quadratic_cm;
+    assert!((0.9..1.1).contains(&ratio), "{judged:?}, {:?}", report.fit);
+    let mut silent = |_| {};
+    let fewer = TrainParams { n_guides: 4, ..params };
+    let worse = Trainer::new(&frames, inputs, &fewer, None, &mut silent).unwrap().judge(&frames, 1).unwrap();
+    assert!(worse.judged_cm > judged.judged_cm, "a third of the guides: {worse:?}, {judged:?}");
+}
+
+#[test]
 fn other_parameters_never_take_a_kept_stage_for_theirs() {
     let directory = tempfile::tempdir().unwrap();
     let params = in_blocks();

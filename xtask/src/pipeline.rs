@@ -17,7 +17,7 @@ use io_formats::skinning_model::SkinningModel;
 use io_formats::stage_cache::{hash_of, stage_key};
 use io_formats::{BakeCache, StageCache};
 use serde::{Deserialize, Serialize};
-use skinning_train::{TrainInputs, TrainParams, TrainReport, Trainer, model_key};
+use skinning_train::{JudgedFit, TrainInputs, TrainParams, TrainReport, Trainer, model_key};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use strand_sim::StepParams;
@@ -25,6 +25,9 @@ use xxhash_rust::xxh3::xxh3_64;
 
 /// Raised whenever a change makes stage outputs of equal inputs differ.
 const PIPELINE_VERSION: u64 = 11;
+
+/// Strands on which numbers of guides are compared.
+const JUDGED_STRANDS: usize = 2000;
 
 /// Scenes that come with the program, by name.
 const BUILT_IN: [(&str, &str); 3] = [
@@ -187,7 +190,11 @@ impl<'a> Workshop<'a> {
     }
 
     /// Runs `work` on a training of recorded frames.
-    fn with_trainer<T>(&self, work: impl FnOnce(Trainer<'_>) -> skinning_train::Result<T>) -> Result<T> {
+    fn with_trainer<T>(
+        &self,
+        params: &TrainParams,
+        work: impl FnOnce(Trainer<'_>) -> skinning_train::Result<T>,
+    ) -> Result<T> {
         let rest = self.recorder().settled()?;
         let frames = self.frames_for(&rest, MotionUse::Train)?.context("no motion to train on")?;
         let inputs = TrainInputs {
@@ -196,16 +203,33 @@ impl<'a> Workshop<'a> {
             material: adaptive_runtime::record_of(&self.world.material),
             provenance: self.inputs_key(),
         };
-        let (params, mut stage) = (self.params(), self.bars.stages());
+        let mut stage = self.bars.stages();
         let mut tell = |p: skinning_train::Progress| stage.set(p.stage, p.done, p.total);
-        let result = Trainer::new(&frames, inputs, &params, Some(&self.cache), &mut tell).and_then(work);
+        let result = Trainer::new(&frames, inputs, params, Some(&self.cache), &mut tell).and_then(work);
         stage.finish();
         result.context("training")
     }
 
     /// Solves the weights of these strands and stops: the work of one of several processes.
     pub fn solve(&self, strands: Range<usize>) -> Result<()> {
-        self.with_trainer(|mut trainer| trainer.solve_weights(strands))
+        self.with_trainer(&self.params(), |mut trainer| trainer.solve_weights(strands))
+    }
+
+    /// Errors with fewer guides, judged on the validation motion; empty if there is none.
+    pub fn error_by_guides(&self) -> Result<Vec<JudgedFit>> {
+        let recorder = self.recorder();
+        let Some(judged) = self.frames_for(&recorder.settled()?, MotionUse::Validation)? else { return Ok(Vec::new()) };
+        let keys: Vec<u64> = self.motions_for(MotionUse::Validation).map(|m| recorder.key(m)).collect();
+        let params = self.params();
+        let mut counts = [8, 4, 2, 1].map(|share| (params.n_guides / share).max(1)).to_vec();
+        counts.dedup();
+        counts
+            .into_iter()
+            .map(|n_guides| {
+                let params = TrainParams { n_guides, n_compared: JUDGED_STRANDS, ..params.clone() };
+                self.with_trainer(&params, |mut trainer| trainer.judge(&judged, stage_key("judged", &keys)))
+            })
+            .collect()
     }
 
     /// Trains the model, or takes it from the cache.
@@ -226,7 +250,7 @@ impl<'a> Workshop<'a> {
                 workshop: self,
             });
         }
-        let (model, report) = self.with_trainer(|trainer| trainer.finish())?;
+        let (model, report) = self.with_trainer(&self.params(), |trainer| trainer.finish())?;
         model.save(&path)?;
         self.cache.save("report", key, &report)?;
         Ok(Prepared { model, report, trained_now: true, path, cache: self.folder.clone(), key, workshop: self })

@@ -86,7 +86,13 @@ pub fn run(args: Args) -> Result<()> {
     }
     let prepared = workshop.train()?;
     let held_out = held_out_error(&prepared, &bars)?;
+    let by_guides = prepared.workshop.error_by_guides()?;
     let steps = step_seconds(&prepared)?;
+    let load_s = {
+        let clock = Instant::now();
+        io_formats::SkinningModel::load(&prepared.path)?;
+        clock.elapsed().as_secs_f64()
+    };
     let costs = stage_costs(&prepared)?;
     let model = &prepared.model;
     println!("{}", describe(prepared.world()));
@@ -94,6 +100,11 @@ pub fn run(args: Args) -> Result<()> {
     if !prepared.trained_now {
         println!("taken from the cache");
     }
+    println!(
+        "{:.1} MB, loads in {load_s:.2} s; halves change no weight by more than {:.1e}",
+        StageCost::bytes_of(&prepared.path) as f64 / 1e6,
+        prepared.report.largest_rounding
+    );
     print_costs(&costs);
     print_report(&prepared.report);
     let (with_friction, plain) = steps;
@@ -109,6 +120,12 @@ pub fn run(args: Args) -> Result<()> {
             error.all, error.rigid
         );
     }
+    for judged in &by_guides {
+        println!(
+            "{:>5} guides: {:.3} cm on the frames trained on, {:.3} on validation ({} strands)",
+            judged.n_guides, judged.trained_cm, judged.judged_cm, judged.n_strands
+        );
+    }
     let total_s = begin.elapsed().as_secs_f64();
     let peak = peak_memory_bytes();
     println!(
@@ -120,7 +137,9 @@ pub fn run(args: Args) -> Result<()> {
         println!("written to {}", path.display());
     }
     if let Some(path) = &args.json {
-        let figures = figures(&prepared, &costs, steps, held_out, total_s, peak);
+        let mut figures = figures(&prepared, &costs, steps, held_out, total_s, peak);
+        figures["model_load_seconds"] = json!(load_s);
+        figures["error_by_guides"] = json!(by_guides);
         write_beside(path, serde_json::to_string_pretty(&figures)?.as_bytes())?;
     }
     Ok(())
