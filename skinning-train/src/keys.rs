@@ -1,5 +1,6 @@
 //! Names of training's stages: hashes of what each is made from, so that no stage is ever taken for another.
 
+use io_formats::skinning_model;
 use io_formats::stage_cache::{hash_of, stage_key};
 
 use crate::params::TrainParams;
@@ -58,7 +59,7 @@ impl Keys<'_> {
     }
 
     pub fn model(&self) -> u64 {
-        stage_key("model", &[self.weights(), self.scales()])
+        stage_key("model", &[self.weights(), self.scales(), u64::from(skinning_model::VERSION)])
     }
 }
 

@@ -129,6 +129,7 @@ impl<'a> Workshop<'a> {
         let motions = training_motions(&world.scene)?;
         let parts = [
             PIPELINE_VERSION,
+            u64::from(io_formats::frames::VERSION),
             hash_points(&world.groom.points),
             hash_of(&world.scene.head.shape),
             hash_of(&world.material),
