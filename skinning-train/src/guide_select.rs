@@ -4,6 +4,7 @@
 
 pub mod lasso;
 pub mod nearest;
+pub mod partition;
 pub mod sparse_coding;
 mod sums;
 mod vectors;
