@@ -2,9 +2,12 @@
 //!
 //! All of it works on motion signals of reduced dimension ([`crate::reduce`]), scaled as described there.
 
+pub mod graph;
 pub mod lasso;
+mod near;
 pub mod nearest;
 pub mod partition;
 pub mod sparse_coding;
+pub mod spread;
 mod sums;
 mod vectors;

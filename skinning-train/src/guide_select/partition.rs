@@ -108,7 +108,8 @@ pub fn partition(graph: &WeightedGraph, n_parts: usize, seed: u64) -> Vec<u32> {
         let k_left = k / 2;
         let level = Level::of_part(graph, &vertices);
         let side = bisect(&level, Bounds::new(level.n() as u64, k_left, k, over), &mut rng);
-        let of_side = |wanted: bool| vertices.iter().zip(&side).filter(|(_, s)| **s == wanted).map(|(&v, _)| v).collect();
+        let of_side =
+            |wanted: bool| vertices.iter().zip(&side).filter(|(_, s)| **s == wanted).map(|(&v, _)| v).collect();
         open.push((of_side(false), first + k_left as u32, k - k_left));
         open.push((of_side(true), first, k_left));
     }
@@ -184,7 +185,9 @@ impl Level {
 
     fn cut(&self, side: &[bool]) -> u64 {
         let all = self.graph.iter().enumerate();
-        all.map(|(v, edges)| edges.iter().filter(|e| side[v] != side[e.0 as usize]).map(|e| e.1).sum::<u64>()).sum::<u64>() / 2
+        all.map(|(v, edges)| edges.iter().filter(|e| side[v] != side[e.0 as usize]).map(|e| e.1).sum::<u64>())
+            .sum::<u64>()
+            / 2
     }
 
     /// What moving `v` to the other side takes off the cut.
@@ -307,9 +310,10 @@ fn refine(level: &Level, bounds: Bounds, side: &mut [bool]) {
         let (mut change, mut best) = (0_i64, (bounds.excess(size), 0_i64, 0_usize));
         while done.len() - best.2 <= PATIENCE {
             for (of, heap) in heaps.iter_mut().enumerate() {
-                while heap.peek().is_some_and(|&(g, std::cmp::Reverse(v))| {
-                    moved[v] || g != gain[v] || usize::from(side[v]) != of
-                }) {
+                while heap
+                    .peek()
+                    .is_some_and(|&(g, std::cmp::Reverse(v))| moved[v] || g != gain[v] || usize::from(side[v]) != of)
+                {
                     heap.pop();
                 }
             }
