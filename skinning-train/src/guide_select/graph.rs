@@ -320,8 +320,9 @@ mod tests {
         let jitter: Vec<[f32; 2]> = (0..n_strands).map(|_| [0; 2].map(|_| rng.random_range(-0.2_f32..0.2))).collect();
         let strand = |k: usize, t: f32| -> Vec<[f32; 3]> {
             let root = [(k / ROWS) as f32 + jitter[k][0], (k % ROWS) as f32 + jitter[k][1]];
-            let phase = 2.0 * group_of(root[0]) as f32;
-            let sway = |i: f32| 0.1 * own[k] * i * i * ((t + phase).sin() - phase.sin());
+            // Far enough, against each other, that only roots of different groups stay near.
+            let way = if group_of(root[0]).is_multiple_of(2) { 3.0 } else { -3.0 };
+            let sway = |i: f32| way * own[k] * i * t.sin();
             (0..N).map(|i| [root[0], root[1] + sway(i as f32), -(i as f32)]).collect()
         };
         let shape = |t: f32| -> Vec<[f32; 3]> { order.iter().flat_map(|&k| strand(k, t)).collect() };
