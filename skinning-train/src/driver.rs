@@ -14,7 +14,9 @@ use tracing::info_span;
 use crate::eligible::{Eligible, EligibleParams, choose_eligible};
 use crate::error::{Error, Result};
 use crate::gram::accumulate;
+use crate::guide_select::method::{EligibleRule, compared_guides};
 use crate::guide_select::nearest::nearest_strands;
+use crate::guide_select::part_eligible::choose_eligible_of_parts;
 use crate::guide_select::sparse_coding::{SparseCodingParams, learn_dictionary};
 use crate::motion_scales::{CalibrationParams, MotionScales, calibrate};
 use crate::params::{FitError, Progress, TrainParams, TrainReport};
@@ -61,16 +63,21 @@ pub fn train(
         run.stage("reduce", 2 * n_frames, |tick| reduce(frames, params.rank, params.oversample, params.seed, tick))?;
     run.report.rank = signals.rank;
     run.report.lost_energy = signals.lost_energy;
-    let guide_strands = run.select_guides(&signals, params);
-    let eligible = run.stage("eligible", 1, |_| {
+    let compared = run.stage("guides", n_frames, |tick| compared_guides(frames, inputs.rest, params, tick))?;
+    let (guide_strands, parts) = compared.unwrap_or_else(|| (run.select_guides(&signals, params), None));
+    run.report.n_guides = guide_strands.len();
+    let eligible = run.stage("eligible", 1, |tick| -> Result<Eligible> {
         let limits = EligibleParams {
             sparsity: params.sparsity,
             min_weight: params.min_weight,
             min_guides: params.min_eligible,
             max_guides: params.max_eligible,
         };
-        choose_eligible(&signals, &guide_strands, &limits)
-    });
+        match parts.filter(|_| params.eligible_rule == EligibleRule::Parts) {
+            Some(parts) => choose_eligible_of_parts(frames, inputs.rest, &parts, &limits, tick),
+            None => Ok(choose_eligible(&signals, &guide_strands, &limits)),
+        }
+    })?;
     drop(signals);
     let pairs = eligible.pairs();
     let scales = run.stage("scales", n_frames, |tick| {
@@ -178,7 +185,6 @@ impl Run<'_> {
             let guides = nearest_strands(signals, &dictionary);
             (dictionary, guides)
         });
-        self.report.n_guides = guides.len();
         self.report.sparse_objective = dictionary.objective;
         self.report.n_stopped_codes = dictionary.n_stopped;
         guides

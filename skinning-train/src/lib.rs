@@ -47,4 +47,4 @@ pub mod transforms;
 
 pub use driver::{TrainInputs, train};
 pub use error::{Error, Result};
-pub use params::{FitError, Progress, TrainParams, TrainReport};
+pub use params::{EligibleRule, FitError, GuideMethod, Progress, TrainParams, TrainReport};
