@@ -1,19 +1,29 @@
 //! Frames in, skinning model out: the stages of AS16 §6 in order.
 //!
-//! reduce -> guides (Eqs. 9, 10) -> eligible -> scales (§7.1) -> gram (Eq. 7's data) -> subsets (Algorithm 2) -> compare.
-//! Frames are only ever streamed; strands are treated in blocks whose Gram matrices fit a stated amount of memory. Same
-//! inputs, same model bytes, for any number of threads. No simulation is stepped and no solid is seen.
+//! reduce -> guides (Eqs. 9, 10) -> eligible -> scales (§7.1) -> weights (Eq. 7's data, Algorithm 2; block by block of
+//! strands) -> compare. Each stage is keyed by a hash of what it is made from; with a cache it is taken from there, so a
+//! training that was cut off goes on after its last whole stage or block, and blocks may be solved by several processes.
+//! Frames are only ever streamed. Same inputs, same model bytes, for any number of threads and however often it was cut
+//! off. No simulation is stepped and no solid is seen.
 
+use std::collections::BTreeMap;
+use std::ops::Range;
 use std::time::Instant;
 
+use cpu_time::ProcessTime;
 use io_formats::guide_transform::Blend;
-use io_formats::{FrameSource, MaterialRecord, SkinningModel, UniformGroom};
+use io_formats::stage_cache::{hash_of, stage_key};
+use io_formats::{FrameSource, MaterialRecord, SkinningModel, StageCache, StageCost, UniformGroom};
 use rayon::prelude::*;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 use tracing::info_span;
 
+use crate::assemble::{SetArrays, assemble};
 use crate::eligible::{Eligible, EligibleParams, choose_eligible};
 use crate::error::{Error, Result};
-use crate::gram::accumulate;
+use crate::gram::{StrandGram, accumulate};
+use crate::guide_select::graph::GuideParts;
 use crate::guide_select::method::{EligibleRule, compared_guides};
 use crate::guide_select::nearest::nearest_strands;
 use crate::guide_select::part_eligible::choose_eligible_of_parts;
@@ -21,11 +31,13 @@ use crate::guide_select::sparse_coding::{SparseCodingParams, learn_dictionary};
 use crate::motion_scales::{CalibrationParams, MotionScales, calibrate};
 use crate::params::{FitError, Progress, TrainParams, TrainReport};
 use crate::poly_fit::PolyFit;
-use crate::reduce::{Signals, reduce};
-use crate::subsets::{FullSetError, StrandSets, SubsetsWorkspace, strand_sets};
+use crate::reduce::reduce;
+use crate::subsets::{FullSetError, SubsetsWorkspace, strand_sets};
 
-/// Gram matrices held at a time.
-const GRAM_BYTES: usize = 512 << 20;
+/// Raised whenever a change makes the result of a stage of equal inputs differ.
+const STAGES_VERSION: u64 = 1;
+/// Gram matrices held at a time: blocks that fit share one pass over the frames.
+const GRAM_BYTES: usize = 1536 << 20;
 /// Strands solved between two reports of progress.
 const SOLVED_AT_ONCE: usize = 512;
 
@@ -38,11 +50,47 @@ pub struct TrainInputs<'a> {
     pub groom: &'a UniformGroom,
     /// Material of the strands in the frames.
     pub material: MaterialRecord,
-    /// Hash of everything the frames and parameters were made from; kept in the model.
+    /// Hash of everything the frames, shapes and material were made from: the name under which stages are kept.
     pub provenance: u64,
 }
 
-/// Trains a skinning model. `progress` hears of every stage as it goes on.
+/// The guides of a head and what follows from them before any weight is computed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Guides {
+    /// Strand of each guide, ascending.
+    pub strands: Vec<u32>,
+    /// Eligible guides of every strand.
+    pub eligible: Eligible,
+    /// Guide pairs eligible together for some strand, sorted.
+    pub pairs: Vec<[u16; 2]>,
+    /// A_ij, B_ij and δ.
+    pub scales: MotionScales,
+}
+
+/// What is kept of choosing guides.
+#[derive(Serialize, Deserialize)]
+struct ChosenGuides {
+    strands: Vec<u32>,
+    /// Where guides stand for parts of a graph.
+    parts: Option<GuideParts>,
+    objective: Vec<f64>,
+    n_stopped: usize,
+    rank: usize,
+    lost_energy: f64,
+}
+
+/// A training under way.
+pub struct Trainer<'a> {
+    frames: &'a dyn FrameSource,
+    inputs: TrainInputs<'a>,
+    params: &'a TrainParams,
+    fit: PolyFit,
+    cache: Option<&'a StageCache>,
+    report: TrainReport,
+    progress: &'a mut dyn FnMut(Progress),
+}
+
+/// Trains a skinning model, keeping nothing on disk. `progress` hears of every stage as it goes on.
 ///
 /// # Errors
 /// When inputs do not describe the same hair, parameters are out of range, there are too few frames or particles, a frame
@@ -53,61 +101,415 @@ pub fn train(
     params: &TrainParams,
     progress: &mut dyn FnMut(Progress),
 ) -> Result<(SkinningModel, TrainReport)> {
-    let fit = check_inputs(frames, inputs, params)?;
-    let mut run = Run { report: TrainReport::default(), progress };
-    run.report.n_strands = frames.n_strands();
-    run.report.n_frames = frames.n_frames();
-    let n_frames = frames.n_frames() as u64;
+    Trainer::new(frames, *inputs, params, None, progress)?.finish()
+}
 
-    let signals =
-        run.stage("reduce", 2 * n_frames, |tick| reduce(frames, params.rank, params.oversample, params.seed, tick))?;
-    run.report.rank = signals.rank;
-    run.report.lost_energy = signals.lost_energy;
-    let compared = run.stage("guides", n_frames, |tick| compared_guides(frames, inputs.rest, params, tick))?;
-    let (guide_strands, parts) = compared.unwrap_or_else(|| (run.select_guides(&signals, params), None));
-    run.report.n_guides = guide_strands.len();
-    let eligible = run.stage("eligible", 1, |tick| -> Result<Eligible> {
-        let limits = EligibleParams {
-            sparsity: params.sparsity,
-            min_weight: params.min_weight,
-            min_guides: params.min_eligible,
-            max_guides: params.max_eligible,
-        };
-        match parts.filter(|_| params.eligible_rule == EligibleRule::Parts) {
-            Some(parts) => choose_eligible_of_parts(frames, inputs.rest, &parts, &limits, tick),
-            None => Ok(choose_eligible(&signals, &guide_strands, &limits)),
-        }
-    })?;
-    drop(signals);
-    let pairs = eligible.pairs();
-    let scales = run.stage("scales", n_frames, |tick| {
-        let calibration = CalibrationParams {
-            velocity_weight: params.velocity_weight,
-            percentile: params.distance_percentile,
-            release_factor: params.release_factor,
-        };
-        calibrate(frames, &guide_strands, &pairs, &calibration, tick)
-    })?;
+impl<'a> Trainer<'a> {
+    /// Checks everything that can be checked before any frame is read. Without a `cache` every stage is done anew.
+    ///
+    /// # Errors
+    /// When inputs do not describe the same hair, parameters are out of range, there are too few frames or particles.
+    pub fn new(
+        frames: &'a dyn FrameSource,
+        inputs: TrainInputs<'a>,
+        params: &'a TrainParams,
+        cache: Option<&'a StageCache>,
+        progress: &'a mut dyn FnMut(Progress),
+    ) -> Result<Self> {
+        let fit = check_inputs(frames, &inputs, params)?;
+        let report =
+            TrainReport { n_strands: frames.n_strands(), n_frames: frames.n_frames(), ..TrainReport::default() };
+        Ok(Self { frames, inputs, params, fit, cache, report, progress })
+    }
 
-    let mut sets = SetArrays::new();
-    let mut full = Vec::with_capacity(frames.n_strands());
-    for block in blocks(&eligible, inputs.rest.n_particles) {
-        let solved = run.solve_block(frames, inputs.rest, &guide_strands, &eligible, &block, &fit, params)?;
-        for strand in &solved {
-            sets.push(strand)?;
-            full.push(strand.full);
+    /// What the model will be named by: a hash of everything it is made from.
+    #[must_use]
+    pub fn provenance(&self) -> u64 {
+        let p = self.params;
+        stage_key("model", &[self.weights_key(), self.scales_key(), hash_of(&p.velocity_weight), p.n_compared as u64])
+    }
+
+    fn reduce_key(&self) -> u64 {
+        let p = self.params;
+        stage_key("reduce", &[STAGES_VERSION, self.inputs.provenance, hash_of(&(p.rank, p.oversample, p.seed))])
+    }
+
+    fn guides_key(&self) -> u64 {
+        let p = self.params;
+        let chosen = hash_of(&(p.n_guides, p.sparsity, p.epochs, p.batch, p.seed));
+        let method = hash_of(&(p.guide_method, p.graph));
+        stage_key("guides", &[self.reduce_key(), chosen, method])
+    }
+
+    fn eligible_key(&self) -> u64 {
+        let chosen = hash_of(&(self.eligible_params(), self.params.eligible_rule));
+        stage_key("eligible", &[self.guides_key(), chosen])
+    }
+
+    fn scales_key(&self) -> u64 {
+        stage_key("scales", &[self.eligible_key(), hash_of(&self.calibration())])
+    }
+
+    fn weights_key(&self) -> u64 {
+        let p = self.params;
+        stage_key("weights", &[self.eligible_key(), hash_of(&(p.min_weight, p.blend))])
+    }
+
+    fn block_key(&self, block: usize) -> u64 {
+        stage_key("block", &[self.weights_key(), self.params.strands_per_block as u64, block as u64])
+    }
+
+    /// Blocks of strands that begin within `strands`.
+    fn blocks_in(&self, strands: &Range<usize>) -> Range<usize> {
+        let per_block = self.params.strands_per_block;
+        let first = strands.start.div_ceil(per_block);
+        first..strands.end.min(self.frames.n_strands()).div_ceil(per_block).max(first)
+    }
+
+    fn strands_of(&self, block: usize) -> Range<usize> {
+        let per_block = self.params.strands_per_block;
+        block * per_block..((block + 1) * per_block).min(self.frames.n_strands())
+    }
+
+    fn eligible_params(&self) -> EligibleParams {
+        let p = self.params;
+        EligibleParams {
+            sparsity: p.sparsity,
+            min_weight: p.min_weight,
+            min_guides: p.min_eligible,
+            max_guides: p.max_eligible,
         }
     }
-    run.summarise(&eligible, &guide_strands, &sets, &full);
-    run.compare_blends(frames, inputs.rest, &guide_strands, &eligible, &full, &fit, params)?;
-    run.report.n_pairs = pairs.len();
-    run.report.max_distance = scales.max_distance;
-    run.report.connected = scales.connected;
-    run.report.connected_paper = scales.connected_paper;
 
-    let model = assemble(inputs, params, guide_strands, eligible, pairs, scales, sets)?;
-    model.validate()?;
-    Ok((model, run.report))
+    fn calibration(&self) -> CalibrationParams {
+        let p = self.params;
+        CalibrationParams {
+            velocity_weight: p.velocity_weight,
+            percentile: p.distance_percentile,
+            release_factor: p.release_factor,
+        }
+    }
+
+    /// Chooses the guides and each strand's eligible ones, or takes what the cache has.
+    ///
+    /// # Errors
+    /// When a frame cannot be read or is not finite, or a stage cannot be kept.
+    pub fn choose_guides(&mut self) -> Result<Guides> {
+        let (frames, rest, params) = (self.frames, self.inputs.rest, self.params);
+        let n_frames = frames.n_frames() as u64;
+        let (guides_key, eligible_key) = (self.guides_key(), self.eligible_key());
+        let signals = if self.is_kept("guides", guides_key) && self.is_kept("eligible", eligible_key) {
+            self.note_kept("reduce", self.reduce_key())?;
+            None
+        } else {
+            Some(self.stage("reduce", self.reduce_key(), 2 * n_frames, |tick| {
+                reduce(frames, params.rank, params.oversample, params.seed, tick)
+            })?)
+        };
+        let of_signals = |stage: &'static str| signals.as_ref().ok_or(Error::LostStage { stage });
+        let coding = SparseCodingParams {
+            n_atoms: params.n_guides,
+            sparsity: params.sparsity,
+            epochs: params.epochs,
+            batch: params.batch,
+            seed: params.seed,
+        };
+        let chosen: ChosenGuides = self.stage("guides", guides_key, params.epochs as u64, |tick| {
+            let signals = of_signals("guides")?;
+            if let Some((strands, parts)) = compared_guides(frames, rest, params, tick)? {
+                let (rank, lost_energy) = (signals.rank, signals.lost_energy);
+                return Ok(ChosenGuides { strands, parts, objective: Vec::new(), n_stopped: 0, rank, lost_energy });
+            }
+            let dictionary = learn_dictionary(signals, &coding, tick);
+            Ok(ChosenGuides {
+                strands: nearest_strands(signals, &dictionary),
+                parts: None,
+                objective: dictionary.objective,
+                n_stopped: dictionary.n_stopped,
+                rank: signals.rank,
+                lost_energy: signals.lost_energy,
+            })
+        })?;
+        let strands = chosen.strands;
+        let limits = self.eligible_params();
+        let parts = chosen.parts.filter(|_| params.eligible_rule == EligibleRule::Parts);
+        let eligible = self.stage("eligible", eligible_key, 1, |tick| match &parts {
+            Some(parts) => choose_eligible_of_parts(frames, rest, parts, &limits, tick),
+            None => Ok(choose_eligible(of_signals("eligible")?, &strands, &limits)),
+        })?;
+        drop(signals);
+        let pairs = eligible.pairs();
+        let calibration = self.calibration();
+        let scales = self.stage("scales", self.scales_key(), n_frames, |tick| {
+            calibrate(frames, &strands, &pairs, &calibration, tick)
+        })?;
+        let report = &mut self.report;
+        report.rank = chosen.rank;
+        report.lost_energy = chosen.lost_energy;
+        report.sparse_objective = chosen.objective;
+        report.n_stopped_codes = chosen.n_stopped;
+        report.n_guides = strands.len();
+        report.n_pairs = pairs.len();
+        report.max_distance = scales.max_distance;
+        report.connected = scales.connected;
+        report.connected_paper = scales.connected_paper;
+        Ok(Guides { strands, eligible, pairs, scales })
+    }
+
+    /// Solves the blocks of strands that begin within `strands` and keeps them in the cache, for another process to
+    /// finish with. Blocks kept already are passed over.
+    ///
+    /// # Errors
+    /// When a frame cannot be read or a block cannot be kept.
+    pub fn solve_weights(&mut self, strands: Range<usize>) -> Result<()> {
+        let guides = self.choose_guides()?;
+        self.solve_blocks(&guides, self.blocks_in(&strands)).map(drop)
+    }
+
+    /// Does what is left of the training and puts the model together.
+    ///
+    /// # Errors
+    /// When a frame cannot be read or is not finite, a stage cannot be kept, or the model breaks an invariant.
+    pub fn finish(mut self) -> Result<(SkinningModel, TrainReport)> {
+        let guides = self.choose_guides()?;
+        let all = self.blocks_in(&(0..self.frames.n_strands()));
+        let mut solved = self.solve_blocks(&guides, all.clone())?;
+        let mut sets = SetArrays::new();
+        for block in all {
+            let next = match solved.remove(&block) {
+                Some(next) => next,
+                None => self.kept_block(block)?,
+            };
+            sets.append(next)?;
+        }
+        self.summarise(&guides, &sets);
+        self.compare_blends(&guides, &sets.full)?;
+        let model = assemble(&self.inputs, self.params, self.provenance(), guides, sets)?;
+        model.validate()?;
+        Ok((model, self.report))
+    }
+
+    fn kept_block(&mut self, block: usize) -> Result<SetArrays> {
+        let key = self.block_key(block);
+        self.note_kept("weights", key)?;
+        let kept = self.cache.map(|cache| cache.load("weights", key)).transpose()?;
+        kept.flatten().ok_or(Error::LostStage { stage: "weights" })
+    }
+
+    /// Solves what of `blocks` the cache does not have. Returns blocks that could not be kept.
+    fn solve_blocks(&mut self, guides: &Guides, blocks: Range<usize>) -> Result<BTreeMap<usize, SetArrays>> {
+        let n_particles = self.frames.n_particles();
+        let missing: Vec<usize> = blocks.filter(|&b| !self.is_kept("weights", self.block_key(b))).collect();
+        let bytes = |run: &Self, block| -> usize {
+            let pairs = run.strands_of(block).map(|s| guides.eligible.of(s).len()).map(|k| k * (k + 1) / 2);
+            pairs.sum::<usize>() * n_particles * size_of::<f64>()
+        };
+        let mut solved = BTreeMap::new();
+        let mut first = 0;
+        while first < missing.len() {
+            let mut end = first + 1;
+            let mut held = bytes(self, missing[first]);
+            while end < missing.len() && held + bytes(self, missing[end]) <= GRAM_BYTES {
+                held += bytes(self, missing[end]);
+                end += 1;
+            }
+            self.solve_pass(guides, &missing[first..end], &mut solved)?;
+            first = end;
+        }
+        Ok(solved)
+    }
+
+    /// One pass over the frames for as many blocks as fit into memory.
+    fn solve_pass(&mut self, guides: &Guides, blocks: &[usize], solved: &mut BTreeMap<usize, SetArrays>) -> Result<()> {
+        // Whoever else works at one of these finishes first; a block it kept is then taken from there.
+        let mut locks = Vec::new();
+        let mut ours = Vec::new();
+        for &block in blocks {
+            if let Some(cache) = self.cache {
+                let key = self.block_key(block);
+                let lock = cache.lock("weights", key)?;
+                if cache.path("weights", key).exists() {
+                    continue;
+                }
+                locks.push(lock);
+            }
+            ours.push(block);
+        }
+        let strands: Vec<u32> = ours.iter().flat_map(|&b| self.strands_of(b)).map(|s| s as u32).collect();
+        if strands.is_empty() {
+            return Ok(());
+        }
+        let n_frames = self.frames.n_frames();
+        let (frames, rest, blend) = (self.frames, self.inputs.rest, self.params.blend);
+        let (mut grams, gram_cost) = self.measured("gram", n_frames as u64, |tick| {
+            accumulate(frames, rest, &guides.strands, &guides.eligible, &strands, blend, tick)
+        })?;
+        let mut left = grams.drain(..);
+        let mut n_solved = 0;
+        for &block in &ours {
+            let clock = Clock::start();
+            let n = self.strands_of(block).len();
+            let mut sets = SetArrays::new();
+            let grams: Vec<StrandGram> = left.by_ref().take(n).collect();
+            for some in grams.chunks(SOLVED_AT_ONCE) {
+                let (fit, min_weight) = (&self.fit, self.params.min_weight);
+                let strand_sets: Vec<_> = some
+                    .par_iter()
+                    .map_init(SubsetsWorkspace::default, |ws, gram| strand_sets(gram, n_frames, fit, min_weight, ws))
+                    .collect();
+                strand_sets.iter().try_for_each(|s| sets.push(s))?;
+                n_solved += some.len();
+                let (done, total) = (n_solved as u64, strands.len() as u64);
+                (self.progress)(Progress { stage: "weights", done, total });
+            }
+            let mut cost = clock.cost();
+            let share = n as f64 / strands.len() as f64;
+            cost.wall_s += share * gram_cost.wall_s;
+            cost.cpu_s += share * gram_cost.cpu_s;
+            match self.cache {
+                Some(cache) => {
+                    let key = self.block_key(block);
+                    cache.save("weights", key, &sets)?;
+                    cost.bytes = file_bytes(cache, "weights", key);
+                    cache.note_cost("weights", key, cost)?;
+                }
+                None => {
+                    self.note("weights", cost);
+                    solved.insert(block, sets);
+                }
+            }
+        }
+        drop(locks);
+        Ok(())
+    }
+
+    fn summarise(&mut self, guides: &Guides, sets: &SetArrays) {
+        let n_guides = guides.strands.len();
+        let n_normal = sets.full.len() - n_guides;
+        let per_normal = |total: usize| (total - n_guides) as f64 / n_normal.max(1) as f64;
+        // A guide has itself as only eligible guide and only set, without error.
+        self.report.mean_eligible = per_normal(guides.eligible.guides.len());
+        self.report.mean_kept_sets = per_normal(sets.mask.len());
+        self.report.fit = fit_error(sets.full.iter(), n_normal);
+        self.report.largest_rounding = sets.largest_rounding;
+    }
+
+    /// Fit errors of the kind of transform trained for and of the other, on strands spread evenly over those that are not guides.
+    fn compare_blends(&mut self, guides: &Guides, trained: &[FullSetError]) -> Result<()> {
+        let normal: Vec<u32> = (0..trained.len() as u32).filter(|s| guides.strands.binary_search(s).is_err()).collect();
+        let n = self.params.n_compared.min(normal.len());
+        if n == 0 {
+            return Ok(());
+        }
+        let chosen: Vec<u32> = (0..n).map(|i| normal[i * normal.len() / n]).collect();
+        let n_frames = self.frames.n_frames();
+        let other = match self.params.blend {
+            Blend::Translation => Blend::Rigid,
+            Blend::Rigid => Blend::Translation,
+        };
+        let key = stage_key("compare", &[self.weights_key(), n as u64]);
+        let (frames, rest) = (self.frames, self.inputs.rest);
+        let (fit, min_weight) = (self.fit.clone(), self.params.min_weight);
+        let errors: Vec<FullSetError> = self.stage("compare", key, n_frames as u64, |tick| {
+            let grams = accumulate(frames, rest, &guides.strands, &guides.eligible, &chosen, other, tick)?;
+            let solve = |ws: &mut SubsetsWorkspace, gram| strand_sets(gram, n_frames, &fit, min_weight, ws).full;
+            Ok(grams.par_iter().map_init(SubsetsWorkspace::default, solve).collect())
+        })?;
+        self.report.n_compared = n;
+        self.report.compared_chosen = fit_error(chosen.iter().map(|&s| &trained[s as usize]), n);
+        self.report.compared_other = fit_error(errors.iter(), n);
+        Ok(())
+    }
+
+    fn is_kept(&self, stage: &str, key: u64) -> bool {
+        self.cache.is_some_and(|cache| cache.path(stage, key).exists())
+    }
+
+    /// One stage: from the cache, or made, kept, and its cost noted.
+    fn stage<T: Serialize + DeserializeOwned>(
+        &mut self,
+        stage: &'static str,
+        key: u64,
+        total: u64,
+        make: impl FnOnce(&mut dyn FnMut(u64)) -> Result<T>,
+    ) -> Result<T> {
+        let Some(cache) = self.cache else {
+            let (value, cost) = self.measured(stage, total, make)?;
+            self.note(stage, cost);
+            return Ok(value);
+        };
+        if let Some(value) = cache.load(stage, key)? {
+            self.note_kept(stage, key)?;
+            return Ok(value);
+        }
+        let lock = cache.lock(stage, key)?;
+        let value = match cache.load(stage, key)? {
+            Some(value) => value,
+            None => {
+                let (value, cost) = self.measured(stage, total, make)?;
+                cache.save(stage, key, &value)?;
+                cache.note_cost(stage, key, StageCost { bytes: file_bytes(cache, stage, key), ..cost })?;
+                value
+            }
+        };
+        drop(lock);
+        self.note_kept(stage, key)?;
+        Ok(value)
+    }
+
+    /// Runs something that tells how far it is, and measures it.
+    fn measured<T>(
+        &mut self,
+        stage: &'static str,
+        total: u64,
+        work: impl FnOnce(&mut dyn FnMut(u64)) -> Result<T>,
+    ) -> Result<(T, StageCost)> {
+        let _span = info_span!("train", stage).entered();
+        let clock = Clock::start();
+        (self.progress)(Progress { stage, done: 0, total });
+        let result = work(&mut |done| (self.progress)(Progress { stage, done, total }))?;
+        (self.progress)(Progress { stage, done: total, total });
+        let cost = clock.cost();
+        tracing::debug!(stage, wall_s = cost.wall_s, cpu_s = cost.cpu_s, "stage done");
+        Ok((result, cost))
+    }
+
+    /// Adds what a stage in the cache once took.
+    fn note_kept(&mut self, stage: &'static str, key: u64) -> Result<()> {
+        let cost = self.cache.map(|cache| cache.cost(stage, key)).transpose()?;
+        if let Some(cost) = cost.flatten() {
+            self.note(stage, cost);
+        }
+        Ok(())
+    }
+
+    /// Adds to what a stage is known to have taken.
+    fn note(&mut self, stage: &'static str, cost: StageCost) {
+        match self.report.stages.iter_mut().find(|(name, _)| *name == stage) {
+            Some((_, sum)) => *sum += cost,
+            None => self.report.stages.push((stage, cost)),
+        }
+    }
+}
+
+fn file_bytes(cache: &StageCache, stage: &str, key: u64) -> u64 {
+    std::fs::metadata(cache.path(stage, key)).map_or(0, |m| m.len())
+}
+
+/// Wall-clock and CPU time since a moment.
+struct Clock {
+    wall: Instant,
+    cpu: ProcessTime,
+}
+
+impl Clock {
+    fn start() -> Self {
+        Self { wall: Instant::now(), cpu: ProcessTime::now() }
+    }
+
+    fn cost(&self) -> StageCost {
+        StageCost { wall_s: self.wall.elapsed().as_secs_f64(), cpu_s: self.cpu.elapsed().as_secs_f64(), bytes: 0 }
+    }
 }
 
 fn check_inputs(frames: &dyn FrameSource, inputs: &TrainInputs<'_>, params: &TrainParams) -> Result<PolyFit> {
@@ -128,137 +530,6 @@ fn check_inputs(frames: &dyn FrameSource, inputs: &TrainInputs<'_>, params: &Tra
         return Err(Error::TooFewFrames { n_frames: frames.n_frames(), needed: 2 });
     }
     PolyFit::new(frame_particles).ok_or(Error::TooFewParticles { n_particles: frame_particles })
-}
-
-/// Blocks of strands whose Gram matrices fit the memory set aside for them.
-fn blocks(eligible: &Eligible, n_particles: usize) -> Vec<Vec<u32>> {
-    let mut blocks = Vec::new();
-    let (mut block, mut bytes) = (Vec::new(), 0);
-    for strand in 0..eligible.n_strands() {
-        let k = eligible.of(strand).len();
-        bytes += k * (k + 1) / 2 * n_particles * size_of::<f64>();
-        block.push(strand as u32);
-        if bytes >= GRAM_BYTES {
-            blocks.push(std::mem::take(&mut block));
-            bytes = 0;
-        }
-    }
-    if !block.is_empty() {
-        blocks.push(block);
-    }
-    blocks
-}
-
-/// The report under way and whom to tell.
-struct Run<'a> {
-    report: TrainReport,
-    progress: &'a mut dyn FnMut(Progress),
-}
-
-impl Run<'_> {
-    /// Runs one stage, timing it and passing its progress on. A stage that comes again adds to its time.
-    fn stage<T>(&mut self, stage: &'static str, total: u64, work: impl FnOnce(&mut dyn FnMut(u64)) -> T) -> T {
-        let _span = info_span!("train", stage).entered();
-        let start = Instant::now();
-        (self.progress)(Progress { stage, done: 0, total });
-        let result = work(&mut |done| (self.progress)(Progress { stage, done, total }));
-        (self.progress)(Progress { stage, done: total, total });
-        let seconds = start.elapsed().as_secs_f64();
-        tracing::debug!(stage, seconds, "stage done");
-        match self.report.stage_seconds.iter_mut().find(|(name, _)| *name == stage) {
-            Some((_, sum)) => *sum += seconds,
-            None => self.report.stage_seconds.push((stage, seconds)),
-        }
-        result
-    }
-
-    fn select_guides(&mut self, signals: &Signals, params: &TrainParams) -> Vec<u32> {
-        let coding = SparseCodingParams {
-            n_atoms: params.n_guides,
-            sparsity: params.sparsity,
-            epochs: params.epochs,
-            batch: params.batch,
-            seed: params.seed,
-        };
-        let (dictionary, guides) = self.stage("guides", params.epochs as u64, |tick| {
-            let dictionary = learn_dictionary(signals, &coding, tick);
-            let guides = nearest_strands(signals, &dictionary);
-            (dictionary, guides)
-        });
-        self.report.sparse_objective = dictionary.objective;
-        self.report.n_stopped_codes = dictionary.n_stopped;
-        guides
-    }
-
-    /// Gram matrices, then all sets, of a block of strands.
-    fn solve_block(
-        &mut self,
-        frames: &dyn FrameSource,
-        rest: &UniformGroom,
-        guide_strands: &[u32],
-        eligible: &Eligible,
-        block: &[u32],
-        fit: &PolyFit,
-        params: &TrainParams,
-    ) -> Result<Vec<StrandSets>> {
-        let n_frames = frames.n_frames();
-        let grams = self.stage("gram", n_frames as u64, |tick| {
-            accumulate(frames, rest, guide_strands, eligible, block, params.blend, tick)
-        })?;
-        Ok(self.stage("subsets", block.len() as u64, |tick| {
-            let mut solved = Vec::with_capacity(block.len());
-            for some in grams.chunks(SOLVED_AT_ONCE) {
-                solved.par_extend(some.par_iter().map_init(SubsetsWorkspace::default, |ws, gram| {
-                    strand_sets(gram, n_frames, fit, params.min_weight, ws)
-                }));
-                tick(solved.len() as u64);
-            }
-            solved
-        }))
-    }
-
-    fn summarise(&mut self, eligible: &Eligible, guide_strands: &[u32], sets: &SetArrays, full: &[FullSetError]) {
-        let n_normal = full.len() - guide_strands.len();
-        let per_normal = |total: usize| (total - guide_strands.len()) as f64 / n_normal.max(1) as f64;
-        // A guide has itself as only eligible guide and only set, without error.
-        self.report.mean_eligible = per_normal(eligible.guides.len());
-        self.report.mean_kept_sets = per_normal(sets.mask.len());
-        self.report.fit = fit_error(full.iter(), n_normal);
-        self.report.largest_rounding = sets.largest_rounding;
-    }
-
-    /// Fit errors of the kind of transform trained for and of the other, on strands spread evenly over those that are not guides.
-    fn compare_blends(
-        &mut self,
-        frames: &dyn FrameSource,
-        rest: &UniformGroom,
-        guide_strands: &[u32],
-        eligible: &Eligible,
-        trained: &[FullSetError],
-        fit: &PolyFit,
-        params: &TrainParams,
-    ) -> Result<()> {
-        let normal: Vec<u32> = (0..trained.len() as u32).filter(|s| guide_strands.binary_search(s).is_err()).collect();
-        let n = params.n_compared.min(normal.len());
-        if n == 0 {
-            return Ok(());
-        }
-        let chosen: Vec<u32> = (0..n).map(|i| normal[i * normal.len() / n]).collect();
-        let n_frames = frames.n_frames();
-        let other = match params.blend {
-            Blend::Translation => Blend::Rigid,
-            Blend::Rigid => Blend::Translation,
-        };
-        let errors = self.stage("compare", n_frames as u64, |tick| -> Result<Vec<FullSetError>> {
-            let grams = accumulate(frames, rest, guide_strands, eligible, &chosen, other, tick)?;
-            let solve = |ws: &mut SubsetsWorkspace, gram| strand_sets(gram, n_frames, fit, params.min_weight, ws).full;
-            Ok(grams.par_iter().map_init(SubsetsWorkspace::default, solve).collect())
-        })?;
-        self.report.n_compared = n;
-        self.report.compared_chosen = fit_error(chosen.iter().map(|&s| &trained[s as usize]), n);
-        self.report.compared_other = fit_error(errors.iter(), n);
-        Ok(())
-    }
 }
 
 fn fit_error<'a>(squares: impl Iterator<Item = &'a FullSetError>, n: usize) -> FitError {
@@ -287,89 +558,4 @@ fn fit_error<'a>(squares: impl Iterator<Item = &'a FullSetError>, n: usize) -> F
         linear_weight: root(6),
         cubic_weight: root(7),
     }
-}
-
-/// The model's arrays over sets, growing strand by strand.
-struct SetArrays {
-    start: Vec<u32>,
-    mask: Vec<u16>,
-    rms_error_cm: Vec<f32>,
-    coeff_start: Vec<u32>,
-    coeffs: Vec<[u16; 3]>,
-    stand_in_start: Vec<u32>,
-    stand_in: Vec<u16>,
-    largest_rounding: f64,
-}
-
-impl SetArrays {
-    fn new() -> Self {
-        Self {
-            start: vec![0],
-            mask: Vec::new(),
-            rms_error_cm: Vec::new(),
-            coeff_start: Vec::new(),
-            coeffs: Vec::new(),
-            stand_in_start: vec![0],
-            stand_in: Vec::new(),
-            largest_rounding: 0.0,
-        }
-    }
-
-    fn push(&mut self, strand: &StrandSets) -> Result<()> {
-        let mut at = self.coeffs.len();
-        for mask in &strand.masks {
-            self.coeff_start.push(numbered("coeffs", at)?);
-            at += mask.count_ones() as usize;
-        }
-        self.mask.extend_from_slice(&strand.masks);
-        self.rms_error_cm.extend_from_slice(&strand.rms_error_cm);
-        self.coeffs.extend_from_slice(&strand.coeffs);
-        self.stand_in.extend_from_slice(&strand.stand_in);
-        self.start.push(numbered("set_mask", self.mask.len())?);
-        self.stand_in_start.push(numbered("stand_in", self.stand_in.len())?);
-        self.largest_rounding = self.largest_rounding.max(strand.largest_rounding);
-        Ok(())
-    }
-}
-
-fn numbered(what: &'static str, count: usize) -> Result<u32> {
-    u32::try_from(count).map_err(|_| Error::TooLarge { what, count })
-}
-
-fn assemble(
-    inputs: &TrainInputs<'_>,
-    params: &TrainParams,
-    guide_strands: Vec<u32>,
-    eligible: Eligible,
-    pairs: Vec<[u16; 2]>,
-    scales: MotionScales,
-    sets: SetArrays,
-) -> Result<SkinningModel> {
-    let groom_in_head =
-        guide_strands.iter().flat_map(|&s| inputs.groom.strand(s as usize)).flatten().copied().collect();
-    Ok(SkinningModel {
-        provenance: inputs.provenance,
-        n_strands: numbered("rest_in_head", inputs.rest.n_strands)?,
-        n_particles: numbered("rest_in_head", inputs.rest.n_particles)?,
-        groom_in_head,
-        rest_in_head: inputs.rest.points.iter().flatten().copied().collect(),
-        guide_strands,
-        eligible_start: eligible.start,
-        eligible: eligible.guides,
-        set_start: sets.start,
-        set_mask: sets.mask,
-        set_rms_error_cm: sets.rms_error_cm,
-        coeff_start: sets.coeff_start,
-        coeffs: sets.coeffs,
-        stand_in_start: sets.stand_in_start,
-        stand_in: sets.stand_in,
-        pairs,
-        position_scale: scales.position_scale,
-        velocity_scale: scales.velocity_scale,
-        velocity_weight: params.velocity_weight,
-        max_distance: scales.max_distance,
-        release_distance: scales.release_distance,
-        blend: params.blend,
-        material: inputs.material,
-    })
 }

@@ -5,12 +5,14 @@
 //! there are too few, the guides nearest in motion join. A guide is eligible for itself alone: it is simulated, not
 //! interpolated.
 
+use serde::{Deserialize, Serialize};
+
 use crate::guide_select::nearest::squared_distance;
 use crate::guide_select::sparse_coding::code_signals;
 use crate::reduce::Signals;
 
 /// Eligible guides of all strands, in CSR form.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Eligible {
     /// `n_strands + 1` offsets into `guides`.
     pub start: Vec<u32>,

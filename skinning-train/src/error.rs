@@ -68,6 +68,12 @@ pub enum Error {
         /// Its entries.
         count: usize,
     },
+    /// A kept stage that was there a moment ago.
+    #[error("the kept stage {stage} was removed while it was in use; leave the folder alone and train again")]
+    LostStage {
+        /// The stage.
+        stage: &'static str,
+    },
     /// A decomposition of the motion did not converge.
     #[error("the {what} of the motion did not converge; check the frames for extreme positions")]
     NoDecomposition {

@@ -30,6 +30,8 @@
 //! # Ok::<(), skinning_train::Error>(())
 //! ```
 
+mod assemble;
+
 pub mod driver;
 pub mod eligible;
 pub mod error;
@@ -45,6 +47,6 @@ pub mod subset_weights;
 pub mod subsets;
 pub mod transforms;
 
-pub use driver::{TrainInputs, train};
+pub use driver::{Guides, TrainInputs, Trainer, train};
 pub use error::{Error, Result};
 pub use params::{EligibleRule, FitError, GuideMethod, Progress, TrainParams, TrainReport};

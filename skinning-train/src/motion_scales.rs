@@ -7,6 +7,7 @@
 
 use io_formats::FrameSource;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use crate::error::Result;
 
@@ -31,7 +32,7 @@ pub struct CalibrationParams {
 }
 
 /// Scales of the pairs, thresholds, and what they do to the training motion.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct MotionScales {
     /// A_ij of each pair (cm²).
     pub position_scale: Vec<f32>,

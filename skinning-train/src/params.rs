@@ -6,6 +6,7 @@ use crate::error::{Error, Result};
 use crate::guide_select::graph::GraphParams;
 pub use crate::guide_select::method::{EligibleRule, GuideMethod};
 use crate::motion_scales::PAPER_VELOCITY_WEIGHT;
+use io_formats::StageCost;
 use io_formats::guide_transform::Blend;
 use io_formats::skinning_model::MAX_ELIGIBLE;
 
@@ -48,6 +49,8 @@ pub struct TrainParams {
     pub blend: Blend,
     /// Strands on which both kinds of blend are compared, spread evenly; 0 skips the comparison.
     pub n_compared: usize,
+    /// Strands whose weights are solved, and kept in a cache, together; the model does not depend on it.
+    pub strands_per_block: usize,
 }
 
 impl TrainParams {
@@ -77,6 +80,7 @@ impl TrainParams {
             release_factor: 1.3,
             blend: Blend::Translation,
             n_compared: 500,
+            strands_per_block: 8192,
         }
     }
 
@@ -102,6 +106,7 @@ impl TrainParams {
         in_range("rank", self.rank, 1, usize::MAX / 2)?;
         in_range("oversample", self.oversample, 0, usize::MAX / 4)?;
         in_range("batch", self.batch, 1, usize::MAX)?;
+        in_range("strands_per_block", self.strands_per_block, 1, usize::MAX / 2)?;
         in_range("sparsity", self.sparsity, 0.0, f64::MAX)?;
         in_range("min_weight", self.min_weight, 0.0, 1.0)?;
         in_range("velocity_weight", self.velocity_weight, 0.0, f32::MAX)?;
@@ -121,7 +126,7 @@ fn in_range<T: PartialOrd + std::fmt::Display>(name: &'static str, value: T, low
 /// How far a stage is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {
-    /// Name of the stage, as in [`TrainReport::stage_seconds`].
+    /// Name of the stage, as in [`TrainReport::stages`].
     pub stage: &'static str,
     /// Units done.
     pub done: u64,
@@ -153,8 +158,8 @@ pub struct FitError {
 /// What training did, as plain data.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TrainReport {
-    /// Stages in order with their wall-clock seconds.
-    pub stage_seconds: Vec<(&'static str, f64)>,
+    /// Stages in order and what they took, those taken from a cache as it was when they were made.
+    pub stages: Vec<(&'static str, StageCost)>,
     /// Strands.
     pub n_strands: usize,
     /// Frames read.

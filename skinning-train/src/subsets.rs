@@ -7,6 +7,7 @@
 
 use io_formats::skinning_model::MAX_ELIGIBLE;
 use multiversion::multiversion;
+use serde::{Deserialize, Serialize};
 
 use crate::gram::{StrandGram, pair_index};
 use crate::poly_fit::{PolyFit, Quadratic};
@@ -35,7 +36,7 @@ pub struct StrandSets {
 }
 
 /// Errors of the set of all eligible guides; squares, to be averaged over strands before the root is taken.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct FullSetError {
     /// Mean squared position error (cm²) with free weights at each particle: the least possible.
     pub free_squared_cm: f64,

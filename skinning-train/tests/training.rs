@@ -1,8 +1,11 @@
 //! Training as a whole on a small head of hair made by code: the model is valid, explains the motion it saw, and its
 //! bytes depend on its inputs only.
 
-use io_formats::{FrameInfo, FrameSource, MaterialRecord, MemoryFrames, SkinningModel, UniformGroom};
-use skinning_train::{Error, TrainInputs, TrainParams, TrainReport, train};
+use std::path::{Path, PathBuf};
+
+use io_formats::guide_transform::Blend;
+use io_formats::{FrameInfo, FrameSource, MaterialRecord, MemoryFrames, SkinningModel, StageCache, UniformGroom};
+use skinning_train::{Error, TrainInputs, TrainParams, TrainReport, Trainer, train};
 
 const N_STRANDS: usize = 80;
 const N_PARTICLES: usize = 10;
@@ -85,7 +88,7 @@ fn check(params: &TrainParams) -> (SkinningModel, TrainReport) {
 fn a_model_trained_from_frames_is_valid_and_explains_them() {
     let (model, report) = check(&TrainParams::standard(12));
     model.validate().expect("train validates");
-    assert_eq!((model.provenance, model.n_guides()), (77, 12));
+    assert_eq!(model.n_guides(), 12);
     let motion_cm = rms_motion_cm();
     assert!(report.fit.quadratic_cm < UNEXPLAINED * motion_cm, "{motion_cm} cm: {report:?}");
     assert!(report.fit.free_cm <= report.fit.quadratic_cm, "free weights are the least error possible: {report:?}");
@@ -106,7 +109,7 @@ fn the_model_has_the_same_bytes_for_any_number_of_threads() {
     let with_threads = |n: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n).build().expect("threads can be started");
         let (model, mut report) = pool.install(|| check(&TrainParams { rank: 20, ..TrainParams::standard(10) }));
-        report.stage_seconds.clear();
+        report.stages.clear();
         (model, report)
     };
     let one = with_threads(1);
@@ -123,10 +126,108 @@ fn progress_ends_complete_in_every_stage_that_is_timed() {
     let params = TrainParams { epochs: 2, ..TrainParams::standard(6) };
     let (_, report) = train(&frames(), &inputs, &params, &mut |p| heard.push((p.stage, p.done, p.total)))
         .expect("the inputs are good");
-    for (stage, seconds) in report.stage_seconds {
+    for (stage, cost) in report.stages {
         let last = heard.iter().rfind(|(s, ..)| *s == stage).expect("every stage reports");
         assert_eq!(last.1, last.2, "{stage}");
-        assert!(seconds >= 0.0);
+        assert!(cost.wall_s >= 0.0 && cost.cpu_s >= 0.0);
+    }
+}
+
+/// Small blocks, so that a head of few strands has several.
+fn in_blocks() -> TrainParams {
+    TrainParams { rank: 20, epochs: 3, strands_per_block: 17, ..TrainParams::standard(10) }
+}
+
+/// Trains with what `directory` has.
+fn resumed(directory: &Path, params: &TrainParams) -> (SkinningModel, TrainReport) {
+    let (groom, frames, cache) = (groom(), frames(), StageCache::in_directory(directory).unwrap());
+    let inputs = TrainInputs { rest: &groom, groom: &groom, material: material(), provenance: 77 };
+    let mut silent = |_| {};
+    Trainer::new(&frames, inputs, params, Some(&cache), &mut silent).unwrap().finish().unwrap()
+}
+
+fn stage_files(directory: &Path) -> Vec<PathBuf> {
+    let mut files: Vec<PathBuf> = std::fs::read_dir(directory).unwrap().map(|entry| entry.unwrap().path()).collect();
+    files.sort();
+    files
+}
+
+#[test]
+fn a_training_cut_off_anywhere_ends_with_the_same_model() {
+    let params = in_blocks();
+    let (whole, whole_report) = check(&params);
+    let directory = tempfile::tempdir().unwrap();
+    let first = resumed(directory.path(), &params);
+    assert!(first.0 == whole, "keeping stages changes nothing");
+    let files = stage_files(directory.path());
+    assert!(files.iter().all(|f| f.extension().is_some_and(|e| e == "stage")), "no lock stays: {files:?}");
+    // A training cut off lacks the stages that were still to come, and maybe some before: every one is taken away in turn,
+    // and all that come after it in time.
+    let bytes: Vec<Vec<u8>> = files.iter().map(|f| std::fs::read(f).unwrap()).collect();
+    for gone in 0..files.len() {
+        std::fs::remove_file(&files[gone]).unwrap();
+        let (model, report) = resumed(directory.path(), &params);
+        assert!(model == whole, "without {:?}", files[gone]);
+        assert_eq!(
+            TrainReport { stages: Vec::new(), ..report },
+            TrainReport { stages: Vec::new(), ..whole_report.clone() }
+        );
+        for other in (0..files.len()).step_by(1 + gone % 3) {
+            let _ = std::fs::remove_file(&files[other]);
+        }
+        assert!(resumed(directory.path(), &params).0 == whole, "without many from {:?}", files[gone]);
+        files.iter().zip(&bytes).for_each(|(file, bytes)| std::fs::write(file, bytes).unwrap());
+    }
+}
+
+#[test]
+fn shards_of_strands_merge_to_the_same_bytes() {
+    let params = in_blocks();
+    let whole = check(&params).0;
+    let (groom, frames) = (groom(), frames());
+    let inputs = TrainInputs { rest: &groom, groom: &groom, material: material(), provenance: 77 };
+    let directory = tempfile::tempdir().unwrap();
+    let cache = StageCache::in_directory(directory.path()).unwrap();
+    // Ranges that are no blocks, out of order, two at a time: each block is solved by whose range it begins in.
+    std::thread::scope(|scope| {
+        for ranges in [[50..N_STRANDS, 0..18], [18..40, 40..50]] {
+            let (cache, params, frames) = (&cache, &params, &frames);
+            scope.spawn(move || {
+                for range in ranges {
+                    let mut silent = |_| {};
+                    let mut trainer = Trainer::new(frames, inputs, params, Some(cache), &mut silent).unwrap();
+                    trainer.solve_weights(range).unwrap();
+                }
+            });
+        }
+    });
+    let solved = stage_files(directory.path()).len();
+    let mut solving = false;
+    let mut heard = |p: skinning_train::Progress| solving |= p.stage == "weights" || p.stage == "gram";
+    let (merged, _) = Trainer::new(&frames, inputs, &params, Some(&cache), &mut heard).unwrap().finish().unwrap();
+    assert!(merged == whole, "shards give another model");
+    assert!(!solving, "the shards had solved every block");
+    assert_eq!(stage_files(directory.path()).len(), solved + 2, "only the comparison of blends was left to do");
+}
+
+#[test]
+fn other_parameters_never_take_a_kept_stage_for_theirs() {
+    let directory = tempfile::tempdir().unwrap();
+    let params = in_blocks();
+    resumed(directory.path(), &params);
+    let others = [
+        TrainParams { seed: 2, ..params.clone() },
+        TrainParams { n_guides: 9, ..params.clone() },
+        TrainParams { sparsity: 0.05, ..params.clone() },
+        TrainParams { max_eligible: 6, ..params.clone() },
+        TrainParams { min_weight: 0.05, ..params.clone() },
+        TrainParams { distance_percentile: 90.0, ..params.clone() },
+        TrainParams { rank: 10, ..params.clone() },
+        TrainParams { blend: Blend::Rigid, ..params },
+    ];
+    for other in others {
+        let (kept, fresh) = (resumed(directory.path(), &other), check(&other));
+        assert!(kept.0 == fresh.0, "{other:?}");
     }
 }
 

@@ -10,6 +10,7 @@
 
 use io_formats::{FrameSource, UniformGroom};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use super::near::{NOBODY, nearest_other, nearest_within, squared_distance};
 use super::partition::{WeightedGraph, partition};
@@ -49,7 +50,7 @@ impl GraphParams {
 }
 
 /// Guides and the parts they stand for.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct GuideParts {
     /// The strand of each guide, ascending.
     pub guide_strands: Vec<u32>,
