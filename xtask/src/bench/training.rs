@@ -1,6 +1,7 @@
 //! `xtask bench training`: what the kernels of training cost, how far they are from a general solver, and how well weights
-//! fit along the strand. Sparse coding beside another library: bench/scripts/compare_spams.py.
+//! fit along the strand, and how guides by sparse coding do beside others. Sparse coding beside another library: bench/scripts/compare_spams.py.
 
+use super::guides;
 use crate::report::write_beside;
 use anyhow::{Result, ensure};
 use hair_bench::strand_bench::Row;
@@ -14,9 +15,12 @@ pub struct Args {
     /// Also write the figures to this file.
     #[arg(long)]
     json: Option<PathBuf>,
-    /// Only this part: speed, errors or fits.
+    /// Only this part: speed, errors, fits or guides.
     #[arg(long)]
     only: Option<String>,
+    /// Draw the held-out error over the number of guides to this PNG file.
+    #[arg(long)]
+    plot: Option<PathBuf>,
 }
 
 type Part = (&'static str, fn() -> Result<Vec<Row>, hair_bench::Error>);
@@ -27,7 +31,7 @@ const PARTS: [Part; 3] = [("speed", speed), ("errors", errors), ("fits", fits)];
 pub fn run(args: Args) -> Result<()> {
     let wanted = |name: &str| args.only.as_deref().is_none_or(|only| only == name);
     ensure!(
-        PARTS.iter().any(|p| wanted(p.0)),
+        PARTS.iter().any(|p| wanted(p.0)) || wanted("guides"),
         "there is no part {}; see --help",
         args.only.as_deref().unwrap_or_default()
     );
@@ -43,6 +47,9 @@ pub fn run(args: Args) -> Result<()> {
             println!("{name:<36} {shown:>12} {unit}");
             figures.insert(name.to_owned(), json!(value));
         }
+    }
+    if wanted("guides") {
+        guides::run(&mut figures, args.plot.as_deref())?;
     }
     if let Some(path) = &args.json {
         write_beside(path, &serde_json::to_vec_pretty(&Value::Object(figures))?)?;
