@@ -36,6 +36,31 @@ pub enum Error {
     /// A model could not be trained.
     #[error(transparent)]
     Training(#[from] skinning_train::Error),
+    /// A recorded motion is not as long as the scene asks.
+    #[error("{name} lasts {length:.3} s, the scene asks for {seconds} s of it; ask for less, or skip fewer frames")]
+    ShortMotion {
+        /// The motion.
+        name: String,
+        /// Seconds asked for.
+        seconds: f64,
+        /// Seconds there are.
+        length: f64,
+    },
+    /// The same stretch of a recording would be trained on and judged by.
+    #[error(
+        "{from_s} to {to_s} s of joint {joint} in {path} has two uses; what is judged on must not be trained on",
+        path = path.display()
+    )]
+    MixedMotion {
+        /// The file.
+        path: PathBuf,
+        /// The joint.
+        joint: String,
+        /// Begin of what is used twice, s.
+        from_s: f64,
+        /// Its end, s.
+        to_s: f64,
+    },
     /// No mode has this name.
     #[error("there is no mode {name}; the modes are {known}")]
     UnknownMode {

@@ -6,7 +6,7 @@
 //! - [`picture`]: pictures without a window
 //! - [`baked`]: solids of meshes, baked once and kept
 //! - [`world`]: a scene made real; [`full_space`]: every strand of it simulated
-//! - [`head_motion`]: random head motion for training
+//! - [`head_motion`]: random head motion; [`training_motions`]: what is trained on, and what is kept apart
 //! - [`comb_sweeps`]: combs swept through strands, and what goes through
 //! - [`collision_checks`]: the interpolation check beside exact tests, and what culling saves
 //! - [`collision_bench`]: what distance fields cost, and their errors
@@ -40,6 +40,7 @@ pub mod shapes_hand;
 pub mod strand_bench;
 pub mod strand_scenes;
 pub mod training_bench;
+pub mod training_motions;
 pub mod world;
 
 pub use error::Error;

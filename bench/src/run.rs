@@ -4,10 +4,9 @@ use crate::error::Error;
 use crate::measures::{Measured, Observer, Reach, in_reach};
 use crate::world::World;
 use adaptive_runtime::{Runtime, RuntimeParams, StageTimings, StepInput, StepReport};
-use collision::{MovingSolid, SolidPose};
 use cpu_time::ProcessTime;
+use io_formats::FrameSource;
 use io_formats::groom::UniformGroom;
-use io_formats::motion::PoseMotion;
 use io_formats::skinning_model::SkinningModel;
 use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -294,43 +293,31 @@ pub fn run(
     Ok(out)
 }
 
-/// Error of skinning alone on a head motion that training has not seen: each hair's best-trained set follows guides replayed
-/// from the full-space run, compared `fps` times a second. `progress` hears of each step.
+/// Error of skinning alone on frames that training has not seen: each hair's best-trained set follows guides replayed from
+/// the full-space run. `progress` hears of each frame.
 ///
 /// # Errors
-/// A model or groom that cannot be run.
+/// A model or frame that cannot be used.
 pub fn replayed_error(
-    world: &World,
     model: &SkinningModel,
-    motion: &PoseMotion,
-    seconds: f64,
-    fps: f64,
+    frames: &dyn FrameSource,
     mut progress: impl FnMut(usize),
 ) -> Result<ErrorPct, Error> {
     let (n, n_strands) = (model.n_particles as usize, model.n_strands as usize);
     let rest: Vec<[f32; 3]> = (0..n_strands).flat_map(|s| model.rest_of(s).to_vec()).collect();
-    let shape = UniformGroom { n_strands, n_particles: n, points: rest.clone() };
-    let mut full = world.full_space(&shape, &StepParams::standard())?;
     let still = Isometry3::identity();
     let mut skinned = Runtime::new(model.clone(), RuntimeParams::fixed(), still, None, Vec::new(), &[])?;
     let mut errors = ErrorSum::new(&rest, n, &[]);
-    let (mut positions, mut guides) = (Vec::new(), Vec::new());
-    let dt = world.scene.step_s;
-    for step in 0..(seconds / dt).round() as usize {
-        let t = step as f64 * dt;
-        let (from, to) = (motion.pose_at(t), motion.pose_at(t + dt));
-        full.step(dt, &to, &[MovingSolid { solid: &world.head, pose: SolidPose { from, to } }]);
-        progress(step + 1);
-        if ((t + dt) * fps + 1e-9).floor() > (t * fps + 1e-9).floor() {
-            full.positions_in_head(&mut positions);
-            guides.clear();
-            for &s in &model.guide_strands {
-                guides.extend_from_slice(&positions[s as usize * n..(s as usize + 1) * n]);
-            }
-            skinned.replay(&guides, &to);
-            full.positions(&mut positions);
-            errors.add(skinned.positions(), &positions, &to.cast());
+    let (mut positions, mut guides) = (vec![[0.0; 3]; n_strands * n], Vec::new());
+    for frame in 0..frames.n_frames() {
+        frames.read(frame, &mut positions)?;
+        guides.clear();
+        for &s in &model.guide_strands {
+            guides.extend_from_slice(&positions[s as usize * n..(s as usize + 1) * n]);
         }
+        skinned.replay(&guides, &still);
+        errors.add(skinned.positions(), &positions, &still.cast());
+        progress(frame + 1);
     }
     Ok(errors.finish())
 }

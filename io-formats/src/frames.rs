@@ -6,6 +6,7 @@
 //! others. Writing streams to `<path>.tmp`, renamed by `finish`: a store that exists is
 //! complete. An unfinished one can be taken up again after its last whole frame.
 
+mod joined;
 mod packing;
 
 use std::fs::{File, OpenOptions};
@@ -17,6 +18,7 @@ use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 use crate::envelope::{Kind, MAGIC, check_tag, publish, temporary_path, u64_at};
 use crate::error::{Error, Result};
 
+pub use joined::JoinedFrames;
 pub use packing::STEP_CM;
 
 /// Version of the store's layout.

@@ -44,7 +44,7 @@ pub mod usd;
 pub use bake_cache::{BakeCache, BakeKey};
 pub use bvh::Bvh;
 pub use error::{Error, Result};
-pub use frames::{FrameInfo, FrameSource, FrameStore, FrameStoreWriter, MemoryFrames};
+pub use frames::{FrameInfo, FrameSource, FrameStore, FrameStoreWriter, JoinedFrames, MemoryFrames};
 pub use groom::{Groom, LengthUnit, UniformGroom, read_groom};
 pub use hair::{read_hair, write_hair};
 pub use mesh::{TriMesh, read_mesh, read_obj, read_stl, write_obj};

@@ -277,11 +277,35 @@ pub struct MaterialSpec {
     pub air_drag_per_s: Option<f64>,
 }
 
+/// What a recorded sequence of frames is for. Motions of different use never mix.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MotionUse {
+    /// Guides and weights are learned from it.
+    Train,
+    /// Choices such as the number of guides are judged on it.
+    Validation,
+    /// The error that is reported is measured on it.
+    HeldOut,
+}
+
+/// A recorded head motion to train with.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(try_from = "raw::RawRecorded")]
+pub struct RecordedSpec {
+    /// The motion: of a BVH joint, relative to its first used frame.
+    pub motion: MotionSpec,
+    /// How much of it is used (s).
+    pub seconds: f64,
+    /// What for; default training.
+    pub used_for: MotionUse,
+}
+
 /// How the skinning model is trained.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrainSpec {
-    /// Random head-motion sequences; default 6.
+    /// Random head-motion sequences; default 6. May be 0 where recorded motions are trained with.
     pub sequences: usize,
     /// Length of each in seconds; default 4.
     pub seconds_per_sequence: f64,
@@ -297,8 +321,12 @@ pub struct TrainSpec {
     /// Whether hairs rub on each other wherever all of them are simulated: in recorded frames and in what runs are compared
     /// with (AS16 §7.1); default false, since it makes a step several times as dear.
     pub friction: bool,
-    /// Seconds of one further sequence, kept out of training, that `train` measures the model's error on; default 4.
+    /// Seconds of one further random sequence that the number of guides is judged on; default 0, none.
+    pub validation_seconds: f64,
+    /// Seconds of one further random sequence, kept out of training, that `train` measures the model's error on; default 4.
     pub held_out_seconds: f64,
+    /// Recorded head motions, beside the random ones; default none.
+    pub recorded: Vec<RecordedSpec>,
 }
 
 /// A pinhole camera looking from `eye_cm` at `target_cm`, y up.
@@ -364,8 +392,11 @@ impl Scene {
                 absolute(path);
             }
         }
-        if let MotionSpec::Bvh { path, .. } = &mut self.head.motion {
-            absolute(path);
+        let recorded = self.train.recorded.iter_mut().map(|r| &mut r.motion);
+        for motion in recorded.chain([&mut self.head.motion]) {
+            if let MotionSpec::Bvh { path, .. } = motion {
+                absolute(path);
+            }
         }
     }
 

@@ -7,7 +7,9 @@
 
 use std::fs::{File, OpenOptions};
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
+use cpu_time::ProcessTime;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::{xxh3_64, xxh3_64_with_seed};
@@ -27,6 +29,41 @@ pub struct StageCost {
     pub cpu_s: f64,
     /// Bytes of the stage's file.
     pub bytes: u64,
+}
+
+impl StageCost {
+    /// Starts measuring.
+    #[must_use]
+    pub fn clock() -> StageClock {
+        StageClock { wall: Instant::now(), cpu: ProcessTime::now() }
+    }
+
+    /// Length of a file; zero if there is none.
+    #[must_use]
+    pub fn bytes_of(path: &Path) -> u64 {
+        std::fs::metadata(path).map_or(0, |m| m.len())
+    }
+}
+
+/// Wall-clock and CPU time since a moment.
+#[derive(Debug, Clone, Copy)]
+pub struct StageClock {
+    wall: Instant,
+    cpu: ProcessTime,
+}
+
+impl StageClock {
+    /// What has passed since; no bytes.
+    #[must_use]
+    pub fn cost(&self) -> StageCost {
+        StageCost { wall_s: self.wall.elapsed().as_secs_f64(), cpu_s: self.cpu.elapsed().as_secs_f64(), bytes: 0 }
+    }
+
+    /// What has passed since, with the bytes of the file that came of it.
+    #[must_use]
+    pub fn cost_of(&self, path: &Path) -> StageCost {
+        StageCost { bytes: StageCost::bytes_of(path), ..self.cost() }
+    }
 }
 
 impl std::ops::AddAssign for StageCost {

@@ -8,11 +8,8 @@
 
 use std::collections::BTreeMap;
 use std::ops::Range;
-use std::time::Instant;
 
-use cpu_time::ProcessTime;
 use io_formats::guide_transform::Blend;
-use io_formats::stage_cache::{hash_of, stage_key};
 use io_formats::{FrameSource, MaterialRecord, SkinningModel, StageCache, StageCost, UniformGroom};
 use rayon::prelude::*;
 use serde::de::DeserializeOwned;
@@ -28,14 +25,13 @@ use crate::guide_select::method::{EligibleRule, compared_guides};
 use crate::guide_select::nearest::nearest_strands;
 use crate::guide_select::part_eligible::choose_eligible_of_parts;
 use crate::guide_select::sparse_coding::{SparseCodingParams, learn_dictionary};
+use crate::keys::Keys;
 use crate::motion_scales::{CalibrationParams, MotionScales, calibrate};
 use crate::params::{FitError, Progress, TrainParams, TrainReport};
 use crate::poly_fit::PolyFit;
 use crate::reduce::reduce;
 use crate::subsets::{FullSetError, SubsetsWorkspace, strand_sets};
 
-/// Raised whenever a change makes the result of a stage of equal inputs differ.
-const STAGES_VERSION: u64 = 1;
 /// Gram matrices held at a time: blocks that fit share one pass over the frames.
 const GRAM_BYTES: usize = 1536 << 20;
 /// Strands solved between two reports of progress.
@@ -122,6 +118,7 @@ impl<'a> Trainer<'a> {
         Ok(Self { frames, inputs, params, fit, cache, report, progress })
     }
 
+<<<<<<< HEAD
     /// What the model will be named by: a hash of everything it is made from.
     #[must_use]
     pub fn provenance(&self) -> u64 {
@@ -157,6 +154,10 @@ impl<'a> Trainer<'a> {
 
     fn block_key(&self, block: usize) -> u64 {
         stage_key("block", &[self.weights_key(), self.params.strands_per_block as u64, block as u64])
+=======
+    fn keys(&self) -> Keys<'a> {
+        Keys { inputs: self.inputs.provenance, params: self.params }
+>>>>>>> main
     }
 
     /// Blocks of strands that begin within `strands`.
@@ -197,12 +198,12 @@ impl<'a> Trainer<'a> {
     pub fn choose_guides(&mut self) -> Result<Guides> {
         let (frames, rest, params) = (self.frames, self.inputs.rest, self.params);
         let n_frames = frames.n_frames() as u64;
-        let (guides_key, eligible_key) = (self.guides_key(), self.eligible_key());
+        let (guides_key, eligible_key) = (self.keys().guides(), self.keys().eligible());
         let signals = if self.is_kept("guides", guides_key) && self.is_kept("eligible", eligible_key) {
-            self.note_kept("reduce", self.reduce_key())?;
+            self.note_kept("reduce", self.keys().reduce())?;
             None
         } else {
-            Some(self.stage("reduce", self.reduce_key(), 2 * n_frames, |tick| {
+            Some(self.stage("reduce", self.keys().reduce(), 2 * n_frames, |tick| {
                 reduce(frames, params.rank, params.oversample, params.seed, tick)
             })?)
         };
@@ -240,7 +241,7 @@ impl<'a> Trainer<'a> {
         drop(signals);
         let pairs = eligible.pairs();
         let calibration = self.calibration();
-        let scales = self.stage("scales", self.scales_key(), n_frames, |tick| {
+        let scales = self.stage("scales", self.keys().scales(), n_frames, |tick| {
             calibrate(frames, &strands, &pairs, &calibration, tick)
         })?;
         let report = &mut self.report;
@@ -284,13 +285,13 @@ impl<'a> Trainer<'a> {
         }
         self.summarise(&guides, &sets);
         self.compare_blends(&guides, &sets.full)?;
-        let model = assemble(&self.inputs, self.params, self.provenance(), guides, sets)?;
+        let model = assemble(&self.inputs, self.params, self.keys().model(), guides, sets)?;
         model.validate()?;
         Ok((model, self.report))
     }
 
     fn kept_block(&mut self, block: usize) -> Result<SetArrays> {
-        let key = self.block_key(block);
+        let key = self.keys().block(block);
         self.note_kept("weights", key)?;
         let kept = self.cache.map(|cache| cache.load("weights", key)).transpose()?;
         kept.flatten().ok_or(Error::LostStage { stage: "weights" })
@@ -299,7 +300,7 @@ impl<'a> Trainer<'a> {
     /// Solves what of `blocks` the cache does not have. Returns blocks that could not be kept.
     fn solve_blocks(&mut self, guides: &Guides, blocks: Range<usize>) -> Result<BTreeMap<usize, SetArrays>> {
         let n_particles = self.frames.n_particles();
-        let missing: Vec<usize> = blocks.filter(|&b| !self.is_kept("weights", self.block_key(b))).collect();
+        let missing: Vec<usize> = blocks.filter(|&b| !self.is_kept("weights", self.keys().block(b))).collect();
         let bytes = |run: &Self, block| -> usize {
             let pairs = run.strands_of(block).map(|s| guides.eligible.of(s).len()).map(|k| k * (k + 1) / 2);
             pairs.sum::<usize>() * n_particles * size_of::<f64>()
@@ -326,7 +327,7 @@ impl<'a> Trainer<'a> {
         let mut ours = Vec::new();
         for &block in blocks {
             if let Some(cache) = self.cache {
-                let key = self.block_key(block);
+                let key = self.keys().block(block);
                 let lock = cache.lock("weights", key)?;
                 if cache.path("weights", key).exists() {
                     continue;
@@ -347,7 +348,7 @@ impl<'a> Trainer<'a> {
         let mut left = grams.drain(..);
         let mut n_solved = 0;
         for &block in &ours {
-            let clock = Clock::start();
+            let clock = StageCost::clock();
             let n = self.strands_of(block).len();
             let mut sets = SetArrays::new();
             let grams: Vec<StrandGram> = left.by_ref().take(n).collect();
@@ -368,9 +369,9 @@ impl<'a> Trainer<'a> {
             cost.cpu_s += share * gram_cost.cpu_s;
             match self.cache {
                 Some(cache) => {
-                    let key = self.block_key(block);
+                    let key = self.keys().block(block);
                     cache.save("weights", key, &sets)?;
-                    cost.bytes = file_bytes(cache, "weights", key);
+                    cost.bytes = StageCost::bytes_of(&cache.path("weights", key));
                     cache.note_cost("weights", key, cost)?;
                 }
                 None => {
@@ -407,7 +408,7 @@ impl<'a> Trainer<'a> {
             Blend::Translation => Blend::Rigid,
             Blend::Rigid => Blend::Translation,
         };
-        let key = stage_key("compare", &[self.weights_key(), n as u64]);
+        let key = self.keys().compare(n);
         let (frames, rest) = (self.frames, self.inputs.rest);
         let (fit, min_weight) = (self.fit.clone(), self.params.min_weight);
         let errors: Vec<FullSetError> = self.stage("compare", key, n_frames as u64, |tick| {
@@ -448,7 +449,8 @@ impl<'a> Trainer<'a> {
             None => {
                 let (value, cost) = self.measured(stage, total, make)?;
                 cache.save(stage, key, &value)?;
-                cache.note_cost(stage, key, StageCost { bytes: file_bytes(cache, stage, key), ..cost })?;
+                let path = cache.path(stage, key);
+                cache.note_cost(stage, key, StageCost { bytes: StageCost::bytes_of(&path), ..cost })?;
                 value
             }
         };
@@ -465,7 +467,7 @@ impl<'a> Trainer<'a> {
         work: impl FnOnce(&mut dyn FnMut(u64)) -> Result<T>,
     ) -> Result<(T, StageCost)> {
         let _span = info_span!("train", stage).entered();
-        let clock = Clock::start();
+        let clock = StageCost::clock();
         (self.progress)(Progress { stage, done: 0, total });
         let result = work(&mut |done| (self.progress)(Progress { stage, done, total }))?;
         (self.progress)(Progress { stage, done: total, total });
@@ -475,7 +477,7 @@ impl<'a> Trainer<'a> {
     }
 
     /// Adds what a stage in the cache once took.
-    fn note_kept(&mut self, stage: &'static str, key: u64) -> Result<()> {
+    fn note_kept(&mut self, stage: &str, key: u64) -> Result<()> {
         let cost = self.cache.map(|cache| cache.cost(stage, key)).transpose()?;
         if let Some(cost) = cost.flatten() {
             self.note(stage, cost);
@@ -484,31 +486,11 @@ impl<'a> Trainer<'a> {
     }
 
     /// Adds to what a stage is known to have taken.
-    fn note(&mut self, stage: &'static str, cost: StageCost) {
-        match self.report.stages.iter_mut().find(|(name, _)| *name == stage) {
+    fn note(&mut self, stage: &str, cost: StageCost) {
+        match self.report.stages.iter_mut().find(|(name, _)| name == stage) {
             Some((_, sum)) => *sum += cost,
-            None => self.report.stages.push((stage, cost)),
+            None => self.report.stages.push((stage.to_owned(), cost)),
         }
-    }
-}
-
-fn file_bytes(cache: &StageCache, stage: &str, key: u64) -> u64 {
-    std::fs::metadata(cache.path(stage, key)).map_or(0, |m| m.len())
-}
-
-/// Wall-clock and CPU time since a moment.
-struct Clock {
-    wall: Instant,
-    cpu: ProcessTime,
-}
-
-impl Clock {
-    fn start() -> Self {
-        Self { wall: Instant::now(), cpu: ProcessTime::now() }
-    }
-
-    fn cost(&self) -> StageCost {
-        StageCost { wall_s: self.wall.elapsed().as_secs_f64(), cpu_s: self.cpu.elapsed().as_secs_f64(), bytes: 0 }
     }
 }
 

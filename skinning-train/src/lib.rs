@@ -31,6 +31,7 @@
 //! ```
 
 mod assemble;
+mod keys;
 
 pub mod driver;
 pub mod eligible;
@@ -49,4 +50,5 @@ pub mod transforms;
 
 pub use driver::{Guides, TrainInputs, Trainer, train};
 pub use error::{Error, Result};
-pub use params::{EligibleRule, FitError, GuideMethod, Progress, TrainParams, TrainReport};
+pub use keys::model_key;
+pub use params::{EligibleRule, GuideMethod, FitError, Progress, TrainParams, TrainReport};

@@ -9,6 +9,7 @@ use crate::motion_scales::PAPER_VELOCITY_WEIGHT;
 use io_formats::StageCost;
 use io_formats::guide_transform::Blend;
 use io_formats::skinning_model::MAX_ELIGIBLE;
+use serde::{Deserialize, Serialize};
 
 /// Parameters of [`crate::train`].
 #[derive(Debug, Clone, PartialEq)]
@@ -135,7 +136,7 @@ pub struct Progress {
 }
 
 /// Errors of the set of all eligible guides, over all strands that are not guides.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct FitError {
     /// RMS position error (cm) with free weights at each particle, the least possible.
     pub free_cm: f64,
@@ -156,10 +157,10 @@ pub struct FitError {
 }
 
 /// What training did, as plain data.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct TrainReport {
     /// Stages in order and what they took, those taken from a cache as it was when they were made.
-    pub stages: Vec<(&'static str, StageCost)>,
+    pub stages: Vec<(String, StageCost)>,
     /// Strands.
     pub n_strands: usize,
     /// Frames read.

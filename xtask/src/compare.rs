@@ -32,7 +32,7 @@ pub fn run(args: Args) -> Result<()> {
     use_threads(args.threads)?;
     let bars = Bars::new();
     let prepared = prepare(load_scene(&args.scene, None)?, &args.out, &bars)?;
-    let world = &prepared.world;
+    let world = prepared.world();
     println!("{}: {}", world.scene.name, describe(world));
     let reference = reference(&prepared, true, &bars)?;
     let modes = if args.modes.is_empty() { Mode::ALL.to_vec() } else { args.modes };

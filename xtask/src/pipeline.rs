@@ -1,34 +1,37 @@
 //! From a scene to a trained model and to what runs are compared with; every stage keyed by a hash of its inputs.
 //!
-//! Stage outputs live in `out/cache`, named by stage and key. A stage whose file is whole is not done again; recorded
-//! frames continue after the last whole one, so a killed run resumes and ends with the same bytes.
+//! Stage outputs live in `out/cache`, named by stage and key. A stage whose file is whole is not done again; a killed run
+//! resumes and ends with the same bytes, and several processes may share the work (`recording.rs`, `skinning_train`).
 //! Baked solids of meshes lie in `out/cache/solids`, each under a hash of its mesh.
 
 use crate::progress::Bars;
+use crate::recording::Recorder;
 use anyhow::{Context, Result, bail};
-use hair_bench::full_space::settle;
-use hair_bench::head_motion::{HeadMotionParams, random_head_motion};
 use hair_bench::run::{ErrorPct, Mode, Reference, RunResult, blind_reach, replayed_error, run};
+use hair_bench::training_motions::{TrainingMotion, training_motions};
 use hair_bench::world::World;
-use io_formats::BakeCache;
-use io_formats::frames::{FrameInfo, FrameSource, FrameStore, FrameStoreWriter};
+use io_formats::frames::{FrameInfo, FrameSource, FrameStore, FrameStoreWriter, JoinedFrames};
 use io_formats::groom::UniformGroom;
-use io_formats::scene::{GroomSource, HairStyle, HeadShape, Scene, SolidShape};
+use io_formats::scene::{GroomSource, HairStyle, HeadShape, MotionUse, Scene, SolidShape};
 use io_formats::skinning_model::SkinningModel;
+use io_formats::stage_cache::{hash_of, stage_key};
+use io_formats::{BakeCache, StageCache};
 use serde::{Deserialize, Serialize};
-use skinning_train::{TrainInputs, TrainParams, TrainReport, train};
+use skinning_train::{TrainInputs, TrainParams, TrainReport, Trainer, model_key};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use strand_sim::StepParams;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Raised whenever a change makes stage outputs of equal inputs differ.
-const PIPELINE_VERSION: u64 = 10;
+const PIPELINE_VERSION: u64 = 11;
 
 /// Scenes that come with the program, by name.
-const BUILT_IN: [(&str, &str); 1] = [("salon", include_str!("../../bench/scenes/salon.toml"))];
-
-/// Step of the full-space simulation that frames are recorded from, s.
-const TRAIN_STEP_S: f64 = 0.01;
+const BUILT_IN: [(&str, &str); 3] = [
+    ("salon", include_str!("../../bench/scenes/salon.toml")),
+    ("full-head", include_str!("../../bench/scenes/full-head.toml")),
+    ("head-20k", include_str!("../../bench/scenes/head-20k.toml")),
+];
 
 /// Reads a scene file, or one that comes with the program, or makes one around a bare groom file.
 pub fn load_scene(name: &str, unit: Option<&str>) -> Result<Scene> {
@@ -57,30 +60,27 @@ pub fn load_scene(name: &str, unit: Option<&str>) -> Result<Scene> {
 }
 
 /// A world with its trained model.
-pub struct Prepared {
-    pub world: World,
+pub struct Prepared<'a> {
+    pub workshop: Workshop<'a>,
     pub model: SkinningModel,
-    /// Present when the model was trained just now.
-    pub report: Option<TrainReport>,
+    pub report: TrainReport,
+    /// Not taken from the cache.
+    pub trained_now: bool,
+    /// Where the model lies.
+    pub path: PathBuf,
     pub cache: PathBuf,
     key: u64,
 }
 
-/// Hash of a stage: its name, the pipeline's version, and all it is made from.
-fn key_of(stage: &str, parts: &[u64]) -> u64 {
-    let mut bytes = stage.as_bytes().to_vec();
-    bytes.extend(PIPELINE_VERSION.to_le_bytes());
-    parts.iter().for_each(|p| bytes.extend(p.to_le_bytes()));
-    xxh3_64(&bytes)
+impl Prepared<'_> {
+    pub fn world(&self) -> &World {
+        &self.workshop.world
+    }
 }
 
 fn hash_points(points: &[[f32; 3]]) -> u64 {
     let bytes: Vec<u8> = points.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
     xxh3_64(&bytes)
-}
-
-fn hash_text(value: &impl std::fmt::Debug) -> u64 {
-    xxh3_64(format!("{value:?}").as_bytes())
 }
 
 /// Contents of the files that shape the scene's solids: a changed mesh is a changed scene.
@@ -98,156 +98,152 @@ fn hash_files(scene: &Scene) -> Result<u64> {
     for path in paths {
         hashes.push(xxh3_64(&std::fs::read(path).with_context(|| format!("reading {}", path.display()))?));
     }
-    Ok(key_of("files", &hashes))
+    Ok(stage_key("files", &hashes))
+}
+
+/// A world, and where the stages of its training are kept.
+pub struct Workshop<'a> {
+    pub world: World,
+    pub motions: Vec<TrainingMotion>,
+    cache: StageCache,
+    folder: PathBuf,
+    rest_key: u64,
+    bars: &'a Bars,
+}
+
+impl<'a> Workshop<'a> {
+    /// Builds the world of a scene; `out` is the folder of results and cache.
+    pub fn open(scene: Scene, out: &Path, bars: &'a Bars) -> Result<Self> {
+        let folder = out.join("cache");
+        let cache = StageCache::in_directory(&folder)?;
+        let spinner = bars.spinner("scene");
+        let solids = BakeCache::in_directory(&folder.join("solids"));
+        let world = World::build_with(scene, Some(&solids), |what| spinner.set_message(what.to_owned()))?;
+        spinner.finish_and_clear();
+        if world.dropped_strands > 0 {
+            bars.note(&format!("{} strands without length were left out", world.dropped_strands));
+        }
+        let motions = training_motions(&world.scene)?;
+        let parts = [
+            PIPELINE_VERSION,
+            hash_points(&world.groom.points),
+            hash_of(&world.scene.head.shape),
+            hash_of(&world.material),
+            hash_of(&StepParams::standard()),
+            hash_files(&world.scene)?,
+        ];
+        Ok(Self { rest_key: stage_key("rest", &parts), world, motions, cache, folder, bars })
+    }
+
+    pub fn recorder(&self) -> Recorder<'_> {
+        Recorder {
+            world: &self.world,
+            params: StepParams::standard(),
+            cache: &self.cache,
+            folder: &self.folder,
+            bars: self.bars,
+            rest_key: self.rest_key,
+        }
+    }
+
+    /// The motions of one use.
+    pub fn motions_for(&self, used_for: MotionUse) -> impl Iterator<Item = &TrainingMotion> {
+        self.motions.iter().filter(move |m| m.used_for == used_for)
+    }
+
+    fn params(&self) -> TrainParams {
+        let scene = &self.world.scene;
+        let mut params = TrainParams::standard(scene.groom.guides.min(self.world.groom.n_strands));
+        params.max_eligible = scene.groom.max_eligible;
+        params.min_eligible = params.min_eligible.min(scene.groom.max_eligible);
+        params.sparsity = scene.train.sparsity;
+        params.min_weight = scene.train.min_weight;
+        params.seed = scene.train.seed;
+        params
+    }
+
+    /// Hash of everything training sees.
+    fn inputs_key(&self) -> u64 {
+        let recorder = self.recorder();
+        let frames: Vec<u64> = self.motions_for(MotionUse::Train).map(|m| recorder.key(m)).collect();
+        stage_key("inputs", &[self.rest_key, stage_key("sequences", &frames)])
+    }
+
+    /// Frames of all motions of one use, recorded if need be; none if there is no such motion.
+    pub fn frames_for(&self, rest: &UniformGroom, used_for: MotionUse) -> Result<Option<JoinedFrames>> {
+        let recorder = self.recorder();
+        let stores: Vec<_> = self.motions_for(used_for).map(|m| recorder.frames(rest, m)).collect::<Result<_>>()?;
+        Ok(if stores.is_empty() { None } else { Some(JoinedFrames::new(stores)?) })
+    }
+
+    /// Records the motions of these numbers and stops: the work of one of several processes.
+    pub fn record(&self, numbers: Range<usize>) -> Result<usize> {
+        let rest = self.recorder().settled()?;
+        let chosen = &self.motions[numbers.start.min(self.motions.len())..numbers.end.min(self.motions.len())];
+        for motion in chosen {
+            self.recorder().frames(&rest, motion)?;
+        }
+        Ok(chosen.len())
+    }
+
+    /// Runs `work` on a training of recorded frames.
+    fn with_trainer<T>(&self, work: impl FnOnce(Trainer<'_>) -> skinning_train::Result<T>) -> Result<T> {
+        let rest = self.recorder().settled()?;
+        let frames = self.frames_for(&rest, MotionUse::Train)?.context("no motion to train on")?;
+        let inputs = TrainInputs {
+            rest: &rest,
+            groom: &self.world.groom,
+            material: adaptive_runtime::record_of(&self.world.material),
+            provenance: self.inputs_key(),
+        };
+        let (params, mut stage) = (self.params(), self.bars.stages());
+        let mut tell = |p: skinning_train::Progress| stage.set(p.stage, p.done, p.total);
+        let result = Trainer::new(&frames, inputs, &params, Some(&self.cache), &mut tell).and_then(work);
+        stage.finish();
+        result.context("training")
+    }
+
+    /// Solves the weights of these strands and stops: the work of one of several processes.
+    pub fn solve(&self, strands: Range<usize>) -> Result<()> {
+        self.with_trainer(|mut trainer| trainer.solve_weights(strands))
+    }
+
+    /// Trains the model, or takes it from the cache.
+    pub fn train(self) -> Result<Prepared<'a>> {
+        let key = model_key(self.inputs_key(), &self.params());
+        let path = self.folder.join(format!("model-{key:016x}.skin"));
+        if path.exists()
+            && let Some(report) = self.cache.load("report", key)?
+        {
+            let model = SkinningModel::load(&path).with_context(|| format!("the cached model {}", path.display()))?;
+            return Ok(Prepared {
+                model,
+                report,
+                trained_now: false,
+                path,
+                cache: self.folder.clone(),
+                key,
+                workshop: self,
+            });
+        }
+        let (model, report) = self.with_trainer(|trainer| trainer.finish())?;
+        model.save(&path)?;
+        self.cache.save("report", key, &report)?;
+        Ok(Prepared { model, report, trained_now: true, path, cache: self.folder.clone(), key, workshop: self })
+    }
 }
 
 /// Builds the world and trains its model, or takes the model from the cache.
-pub fn prepare(scene: Scene, out: &Path, bars: &Bars) -> Result<Prepared> {
-    let cache = out.join("cache");
-    std::fs::create_dir_all(&cache).with_context(|| format!("creating {}", cache.display()))?;
-    let spinner = bars.spinner("scene");
-    let solids = BakeCache::in_directory(&cache.join("solids"));
-    let world = World::build_with(scene, Some(&solids), |what| spinner.set_message(what.to_owned()))?;
-    spinner.finish_and_clear();
-    if world.dropped_strands > 0 {
-        bars.note(&format!("{} strands without length were left out", world.dropped_strands));
-    }
-    let scene = &world.scene;
-    let params = StepParams::standard();
-    let rest_key = key_of(
-        "rest",
-        &[
-            hash_points(&world.groom.points),
-            hash_text(&scene.head.shape),
-            hash_text(&world.material),
-            hash_text(&params),
-        ],
-    );
-    let rest_key = key_of("rest", &[rest_key, hash_files(scene)?]);
-    let rest = settled(&world, &cache.join(format!("rest-{rest_key:016x}.frames")), rest_key, &params, bars)?;
-    let frames_key = key_of(
-        "frames",
-        &[
-            rest_key,
-            scene.train.sequences as u64,
-            scene.train.seconds_per_sequence.to_bits(),
-            scene.train.fps.to_bits(),
-            scene.train.seed,
-            u64::from(scene.train.friction),
-        ],
-    );
-    let mut train_params = TrainParams::standard(scene.groom.guides.min(world.groom.n_strands));
-    train_params.max_eligible = scene.groom.max_eligible;
-    train_params.min_eligible = train_params.min_eligible.min(scene.groom.max_eligible);
-    train_params.sparsity = scene.train.sparsity;
-    train_params.min_weight = scene.train.min_weight;
-    train_params.seed = scene.train.seed;
-    let model_key = key_of("model", &[frames_key, hash_text(&train_params)]);
-    let path = cache.join(format!("model-{model_key:016x}.skin"));
-    if path.exists() {
-        let model = SkinningModel::load(&path).with_context(|| format!("the cached model {}", path.display()))?;
-        return Ok(Prepared { world, model, report: None, cache, key: model_key });
-    }
-    let frames =
-        recorded(&world, &rest, &cache.join(format!("frames-{frames_key:016x}.frames")), frames_key, &params, bars)?;
-    let inputs = TrainInputs {
-        rest: &rest,
-        groom: &world.groom,
-        material: adaptive_runtime::record_of(&world.material),
-        provenance: model_key,
-    };
-    let mut stage = bars.stages();
-    let (model, report) =
-        train(&frames, &inputs, &train_params, &mut |p| stage.set(p.stage, p.done, p.total)).context("training")?;
-    stage.finish();
-    model.save(&path)?;
-    Ok(Prepared { world, model, report: Some(report), cache, key: model_key })
-}
-
-/// The groom as it hangs, from the cache or by simulation.
-fn settled(world: &World, path: &Path, key: u64, params: &StepParams, bars: &Bars) -> Result<UniformGroom> {
-    let groom = &world.groom;
-    let mut rest =
-        UniformGroom { n_strands: groom.n_strands, n_particles: groom.n_particles, points: groom.points.clone() };
-    if path.exists() {
-        FrameStore::open(path)?.read(0, &mut rest.points)?;
-        return Ok(rest);
-    }
-    let bar = bars.bar("settle", 100);
-    rest = settle(groom, &world.head, world.material, params, |share| bar.set_position((100.0 * share) as u64))?;
-    bar.finish_and_clear();
-    let mut writer = FrameStoreWriter::create(path, rest.n_strands, rest.n_particles, key)?;
-    writer.append(FrameInfo { sequence: 0, time_s: 0.0 }, &rest.points)?;
-    writer.finish()?;
-    Ok(rest)
-}
-
-/// Training frames, from the cache, continued, or recorded anew.
-fn recorded(
-    world: &World,
-    rest: &UniformGroom,
-    path: &Path,
-    key: u64,
-    params: &StepParams,
-    bars: &Bars,
-) -> Result<FrameStore> {
-    if path.exists() {
-        return Ok(FrameStore::open(path)?);
-    }
-    let spec = &world.scene.train;
-    let steps = (spec.seconds_per_sequence / TRAIN_STEP_S).round() as usize;
-    let bar = bars.bar("full-space frames", (spec.sequences * steps) as u64);
-    let mut writer = FrameStoreWriter::resume(path, rest.n_strands, rest.n_particles, key)?;
-    let is_frame = |step: usize| {
-        let frame = |step: usize| (step as f64 * TRAIN_STEP_S * spec.fps + 1e-9).floor();
-        frame(step) > frame(step - 1)
-    };
-    let per_sequence = (1..=steps).filter(|&s| is_frame(s)).count();
-    let mut positions = Vec::new();
-    for sequence in 0..spec.sequences {
-        let mut kept = writer.infos().len().saturating_sub(sequence * per_sequence).min(per_sequence);
-        if kept == per_sequence {
-            bar.inc(steps as u64);
-            continue;
-        }
-        let motion =
-            random_head_motion(spec.seed, sequence as u64, spec.seconds_per_sequence, &HeadMotionParams::lively());
-        let mut full = world.full_space(rest, params)?;
-        for step in 1..=steps {
-            let (before, now) = ((step - 1) as f64 * TRAIN_STEP_S, step as f64 * TRAIN_STEP_S);
-            let (from, to) = (motion.pose_at(before), motion.pose_at(now));
-            let head = collision::MovingSolid { solid: &world.head, pose: collision::SolidPose { from, to } };
-            full.step(TRAIN_STEP_S, &to, &[head]);
-            if is_frame(step) {
-                if kept > 0 {
-                    // Already on disk from a run that was cut off: simulated again only to go on from here.
-                    kept -= 1;
-                } else {
-                    full.positions_in_head(&mut positions);
-                    writer.append(FrameInfo { sequence: sequence as u32, time_s: now }, &positions)?;
-                }
-            }
-            bar.inc(1);
-        }
-    }
-    bar.finish_and_clear();
-    writer.finish()?;
-    Ok(FrameStore::open(path)?)
+pub fn prepare<'a>(scene: Scene, out: &Path, bars: &'a Bars) -> Result<Prepared<'a>> {
+    Workshop::open(scene, out, bars)?.train()
 }
 
 /// Error of skinning alone on the scene's held-out head motion; `None` if the scene asks for none.
-pub fn held_out_error(prepared: &Prepared, bars: &Bars) -> Result<Option<ErrorPct>> {
-    let (world, spec) = (&prepared.world, &prepared.world.scene.train);
-    if spec.held_out_seconds == 0.0 {
-        return Ok(None);
-    }
-    // Sequences of training are counted from zero.
-    let sequence = spec.sequences as u64;
-    let motion = random_head_motion(spec.seed, sequence, spec.held_out_seconds, &HeadMotionParams::lively());
-    let bar = bars.bar("held-out motion", (spec.held_out_seconds / world.scene.step_s).round() as u64);
-    let error = replayed_error(world, &prepared.model, &motion, spec.held_out_seconds, spec.fps, |s| {
-        bar.set_position(s as u64);
-    })?;
+pub fn held_out_error(prepared: &Prepared<'_>, bars: &Bars) -> Result<Option<ErrorPct>> {
+    let rest = prepared.workshop.recorder().settled()?;
+    let Some(frames) = prepared.workshop.frames_for(&rest, MotionUse::HeldOut)? else { return Ok(None) };
+    let bar = bars.bar("held-out error", frames.n_frames() as u64);
+    let error = replayed_error(&prepared.model, &frames, |frame| bar.set_position(frame as u64))?;
     bar.finish_and_clear();
     Ok(Some(error))
 }
@@ -260,23 +256,23 @@ struct ReferenceFile {
 }
 
 /// What all modes of the scene are measured against, from the cache or by a blind and, if asked, a full-space run.
-pub fn reference(prepared: &Prepared, with_full: bool, bars: &Bars) -> Result<Reference> {
-    let world = &prepared.world;
+pub fn reference(prepared: &Prepared<'_>, with_full: bool, bars: &Bars) -> Result<Reference> {
+    let world = prepared.world();
     let scene = &world.scene;
     let motion: Vec<u64> = (0..=world.n_steps())
         .map(|k| {
             let t = k as f64 * scene.step_s;
-            hash_text(&(world.world_from_head(t), world.world_from_solids(t)))
+            hash_of(&(world.world_from_head(t), world.world_from_solids(t)))
         })
         .collect();
-    let key = key_of(
+    let key = stage_key(
         "reference",
         &[
             prepared.key,
-            hash_text(&scene.solids),
+            hash_of(&scene.solids),
             hash_files(scene)?,
             scene.fps.to_bits(),
-            key_of("motion", &motion),
+            stage_key("motion", &motion),
             u64::from(with_full),
         ],
     );

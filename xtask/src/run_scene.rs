@@ -46,7 +46,7 @@ pub fn run(args: Args) -> Result<()> {
     use_threads(args.threads)?;
     let bars = Bars::new();
     let prepared = prepare(load_scene(&args.scene, None)?, &args.out, &bars)?;
-    let world = &prepared.world;
+    let world = prepared.world();
     println!("{}: {}", world.scene.name, describe(world));
     let reference = reference(&prepared, !args.no_reference, &bars)?;
     let mode = args.mode;

@@ -2,7 +2,7 @@
 //!
 //! A refusal is a pair: the field as written in the file, and what is wrong with it.
 
-use super::{GroomSource, HeadShape, MeshSource, MotionSpec, Scene, SolidShape, SolidSpec};
+use super::{GroomSource, HeadShape, MeshSource, MotionSpec, MotionUse, Scene, SolidShape, SolidSpec};
 use crate::groom::MAX_PARTICLES;
 use crate::skinning_model::MAX_ELIGIBLE;
 
@@ -57,13 +57,19 @@ pub(super) fn check(scene: &Scene) -> Check {
     positive("material.linear_density_g_per_cm", m.linear_density_g_per_cm.unwrap_or(1.0))?;
 
     let t = &scene.train;
-    count("train.sequences", t.sequences, 1, MAX_SEQUENCES)?;
+    let trains = t.recorded.iter().any(|r| r.used_for == MotionUse::Train);
+    count("train.sequences", t.sequences, usize::from(!trains), MAX_SEQUENCES)?;
     positive("train.seconds_per_sequence", t.seconds_per_sequence)?;
     within("train.seconds_per_sequence", t.seconds_per_sequence, 0.0, MAX_SECONDS)?;
     within("train.fps", t.fps, 0.1, 10_000.0)?;
     positive("train.sparsity", t.sparsity)?;
     within("train.min_weight", t.min_weight, 0.0, 1.0)?;
+    within("train.validation_seconds", t.validation_seconds, 0.0, MAX_SECONDS)?;
     within("train.held_out_seconds", t.held_out_seconds, 0.0, MAX_SECONDS)?;
+    for recorded in &t.recorded {
+        positive("train.recorded.seconds", recorded.seconds)?;
+        within("train.recorded.seconds", recorded.seconds, 0.0, MAX_SECONDS)?;
+    }
 
     let c = &scene.camera;
     finite("camera.eye_cm", &c.eye_cm)?;

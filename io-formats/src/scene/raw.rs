@@ -9,7 +9,7 @@ use serde::de::{self, Deserializer, Visitor};
 
 use super::{
     Attach, CameraSpec, GeneratorSpec, GroomSource, GroomSpec, HairStyle, HeadShape, HeadSpec, KeySpec, MaterialSpec,
-    MeshSource, MotionSpec, SolidShape, SolidSpec, TrainSpec,
+    MeshSource, MotionSpec, MotionUse, RecordedSpec, SolidShape, SolidSpec, TrainSpec,
 };
 use crate::groom::LengthUnit;
 
@@ -71,7 +71,9 @@ impl Default for TrainSpec {
             sparsity: 0.015,
             min_weight: 0.01,
             friction: false,
+            validation_seconds: 0.0,
             held_out_seconds: 4.0,
+            recorded: Vec::new(),
         }
     }
 }
@@ -206,6 +208,35 @@ impl RawMotion {
                 repeat: self.repeat.unwrap_or(false),
             }),
         }
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawRecorded {
+    bvh: PathBuf,
+    joint: String,
+    unit: LengthUnit,
+    #[serde(default)]
+    skip_frames: usize,
+    #[serde(default)]
+    yaw_deg: f64,
+    seconds: f64,
+    #[serde(default = "for_training")]
+    used_for: MotionUse,
+}
+
+fn for_training() -> MotionUse {
+    MotionUse::Train
+}
+
+impl TryFrom<RawRecorded> for RecordedSpec {
+    type Error = String;
+
+    fn try_from(raw: RawRecorded) -> Result<Self, String> {
+        let RawRecorded { bvh: path, joint, unit, skip_frames, yaw_deg, seconds, used_for } = raw;
+        let motion = MotionSpec::Bvh { path, joint, unit, skip_frames, yaw_deg, repeat: false };
+        Ok(Self { motion, seconds, used_for })
     }
 }
 

@@ -1,0 +1,113 @@
+//! Training as a program: killed at random moments, spread over processes, with any number of threads, it ends with the
+//! same bytes.
+
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// Strands of two blocks, so that their weights can be shared out.
+const STRANDS: usize = 8500;
+/// Longest life of a process that is to be killed; the whole training takes a few times that.
+const LONGEST_LIFE: Duration = Duration::from_millis(2500);
+/// Runs after which a training that gets nowhere has failed.
+const MOST_RUNS: usize = 200;
+
+fn scene(folder: &Path) -> PathBuf {
+    let path = folder.join("scene.toml");
+    let text = format!(
+        "name = \"small\"\n[groom]\ngenerator = {{ style = \"straight\", strands = {STRANDS}, length_cm = 6, seed = 1 }}\n\
+         particles = 5\nguides = 12\n[train]\nsequences = 3\nseconds_per_sequence = 0.16\nheld_out_seconds = 0\nfriction = true\n"
+    );
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+fn train(scene: &Path, out: &Path, more: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_xtask"));
+    command.arg("train").arg(scene).arg("--out").arg(out).args(more).stdout(Stdio::null()).stderr(Stdio::null());
+    command
+}
+
+fn model(folder: &Path) -> Vec<u8> {
+    let mut models = std::fs::read_dir(folder.join("cache")).unwrap().filter_map(|entry| {
+        let path = entry.unwrap().path();
+        (path.extension().is_some_and(|e| e == "skin")).then(|| std::fs::read(&path).unwrap())
+    });
+    let model = models.next().expect("a model was trained");
+    assert!(models.next().is_none(), "one model only");
+    model
+}
+
+/// Waits for a process until its time is up; whether it ended by itself.
+fn ended_within(child: &mut Child, life: Duration) -> bool {
+    let begin = Instant::now();
+    while begin.elapsed() < life {
+        if let Some(status) = child.try_wait().unwrap() {
+            assert!(status.success(), "{status}");
+            return true;
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    false
+}
+
+#[test]
+fn training_killed_shared_out_or_on_more_threads_ends_with_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let whole = folder.path().join("whole");
+    assert!(train(&scene, &whole, &["--jobs", "1"]).status().unwrap().success());
+    let expected = model(&whole);
+
+    // Killed at random moments, each time with another number of threads, until it gets through.
+    let killed = folder.path().join("killed");
+    let mut rng = Pcg64Mcg::seed_from_u64(3);
+    let mut kills = 0;
+    loop {
+        assert!(kills < MOST_RUNS, "training gets nowhere");
+        // Lives grow slowly: a recording starts again from its beginning, and the slowest machine must get through one.
+        let life = LONGEST_LIFE.mul_f64(rng.random_range(0.02..1.0) * (1.0 + 0.1 * kills as f64));
+        let jobs = ["1", "2"][kills % 2];
+        let mut child = train(&scene, &killed, &["--jobs", jobs]).spawn().unwrap();
+        if ended_within(&mut child, life) {
+            break;
+        }
+        // SIGKILL on Unix: the process has no say in it.
+        child.kill().unwrap();
+        child.wait().unwrap();
+        kills += 1;
+    }
+    assert!(kills >= 3, "{kills} kills: it was hardly interrupted");
+    assert!(model(&killed) == expected, "{kills} kills changed the model");
+
+    // Shared out: sequences to two processes at once, then strands to two more, then put together.
+    let shared = folder.path().join("shared");
+    for shares in
+        [[["--sequences", "0..2"], ["--sequences", "2..3"]], [["--strands", "0..4000"], ["--strands", "4000..8500"]]]
+    {
+        let mut processes = shares.map(|share| train(&scene, &shared, &share).spawn().unwrap());
+        for process in &mut processes {
+            assert!(process.wait().unwrap().success());
+        }
+    }
+    assert!(train(&scene, &shared, &[]).status().unwrap().success());
+    assert!(model(&shared) == expected, "shares merge to another model");
+}
+
+#[test]
+fn shares_that_do_not_exist_are_refused_with_what_does() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    for (share, said) in [
+        (["--sequences", "3..4"], "there are 3"),
+        (["--strands", "8500..9000"], "there are 8500"),
+        (["--strands", "5"], "first..end"),
+        (["--sequences", "2..1"], "first..end"),
+    ] {
+        let output = train(&scene, &folder.path().join("out"), &share).stderr(Stdio::piped()).output().unwrap();
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success() && text.contains(said), "{share:?}: {text}");
+    }
+}
