@@ -118,46 +118,8 @@ impl<'a> Trainer<'a> {
         Ok(Self { frames, inputs, params, fit, cache, report, progress })
     }
 
-<<<<<<< HEAD
-    /// What the model will be named by: a hash of everything it is made from.
-    #[must_use]
-    pub fn provenance(&self) -> u64 {
-        let p = self.params;
-        stage_key("model", &[self.weights_key(), self.scales_key(), hash_of(&p.velocity_weight), p.n_compared as u64])
-    }
-
-    fn reduce_key(&self) -> u64 {
-        let p = self.params;
-        stage_key("reduce", &[STAGES_VERSION, self.inputs.provenance, hash_of(&(p.rank, p.oversample, p.seed))])
-    }
-
-    fn guides_key(&self) -> u64 {
-        let p = self.params;
-        let chosen = hash_of(&(p.n_guides, p.sparsity, p.epochs, p.batch, p.seed));
-        let method = hash_of(&(p.guide_method, p.graph));
-        stage_key("guides", &[self.reduce_key(), chosen, method])
-    }
-
-    fn eligible_key(&self) -> u64 {
-        let chosen = hash_of(&(self.eligible_params(), self.params.eligible_rule));
-        stage_key("eligible", &[self.guides_key(), chosen])
-    }
-
-    fn scales_key(&self) -> u64 {
-        stage_key("scales", &[self.eligible_key(), hash_of(&self.calibration())])
-    }
-
-    fn weights_key(&self) -> u64 {
-        let p = self.params;
-        stage_key("weights", &[self.eligible_key(), hash_of(&(p.min_weight, p.blend))])
-    }
-
-    fn block_key(&self, block: usize) -> u64 {
-        stage_key("block", &[self.weights_key(), self.params.strands_per_block as u64, block as u64])
-=======
     fn keys(&self) -> Keys<'a> {
         Keys { inputs: self.inputs.provenance, params: self.params }
->>>>>>> main
     }
 
     /// Blocks of strands that begin within `strands`.
