@@ -8,8 +8,8 @@ use serde_json::{Map, Value, json};
 use std::path::Path;
 
 /// Compares, prints tables in Markdown, adds figures and draws the error over the number of guides.
-pub fn run(figures: &mut Map<String, Value>, plot: Option<&Path>) -> Result<()> {
-    let params = ComparisonParams::standard();
+pub fn run(strands: usize, figures: &mut Map<String, Value>, plot: Option<&Path>) -> Result<()> {
+    let params = ComparisonParams { strands, ..ComparisonParams::standard() };
     let found = compare(&params, |what| eprintln!("{what}"))?;
     print_models(&params, &found);
     print_fits(&found);

@@ -18,6 +18,9 @@ pub struct Args {
     /// Only this part: speed, errors, fits or guides.
     #[arg(long)]
     only: Option<String>,
+    /// Strands of each head that ways to select guides are compared on.
+    #[arg(long, default_value_t = 5000)]
+    strands: usize,
     /// Draw the held-out error over the number of guides to this PNG file.
     #[arg(long)]
     plot: Option<PathBuf>,
@@ -49,7 +52,7 @@ pub fn run(args: Args) -> Result<()> {
         }
     }
     if wanted("guides") {
-        guides::run(&mut figures, args.plot.as_deref())?;
+        guides::run(args.strands, &mut figures, args.plot.as_deref())?;
     }
     if let Some(path) = &args.json {
         write_beside(path, &serde_json::to_vec_pretty(&Value::Object(figures))?)?;
