@@ -10,6 +10,7 @@
 //! - [`comb_sweeps`]: combs swept through strands, and what goes through
 //! - [`collision_checks`]: the interpolation check beside exact tests, and what culling saves
 //! - [`collision_bench`]: what distance fields cost, and their errors
+//! - [`sparse_signals`]: dictionary learning beside what another library reached on the same matrices
 //! - [`strand_scenes`]: the tests of MS08 on single hairs and a tuft
 //! - [`training_bench`]: what the kernels of training cost, and how far they are from a general solver
 //! - [`chart`]: curves over a number, as a picture
@@ -37,6 +38,7 @@ pub mod shapes;
 pub mod shapes_bumpy;
 pub mod shapes_gear;
 pub mod shapes_hand;
+pub mod sparse_signals;
 pub mod strand_bench;
 pub mod strand_scenes;
 pub mod training_bench;

@@ -1,9 +1,11 @@
 //! `xtask bench training`: what the kernels of training cost, how far they are from a general solver, and how well weights
-//! fit along the strand, and how guides by sparse coding do beside others. Sparse coding beside another library: bench/scripts/compare_spams.py.
+//! fit along the strand, and how guides by sparse coding do beside others. Sparse coding beside another
+//! library: on matrices made again, over what bench/scripts/compare_spams.py kept of it.
 
 use super::guides;
 use crate::report::write_beside;
 use anyhow::{Result, ensure};
+use hair_bench::sparse_signals::beside_spams;
 use hair_bench::strand_bench::Row;
 use hair_bench::training_bench::{errors, fits, speed};
 use serde_json::{Map, Value, json};
@@ -15,7 +17,7 @@ pub struct Args {
     /// Also write the figures to this file.
     #[arg(long)]
     json: Option<PathBuf>,
-    /// Only this part: speed, errors, fits or guides.
+    /// Only this part: speed, errors, fits, spams or guides.
     #[arg(long)]
     only: Option<String>,
     /// Strands of each head that ways to select guides are compared on.
@@ -28,7 +30,7 @@ pub struct Args {
 
 type Part = (&'static str, fn() -> Result<Vec<Row>, hair_bench::Error>);
 
-const PARTS: [Part; 3] = [("speed", speed), ("errors", errors), ("fits", fits)];
+const PARTS: [Part; 4] = [("speed", speed), ("errors", errors), ("fits", fits), ("spams", beside_spams)];
 
 /// Runs the command.
 pub fn run(args: Args) -> Result<()> {
