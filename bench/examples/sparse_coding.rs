@@ -10,42 +10,10 @@ use std::error::Error;
 use std::path::{Path, PathBuf};
 
 use cpu_time::ProcessTime;
+use hair_bench::sparse_signals::made;
 use io_formats::frames::FrameStore;
-use rand::{Rng, SeedableRng};
-use rand_pcg::Pcg64Mcg;
 use skinning_train::guide_select::sparse_coding::{SparseCodingParams, learn_dictionary};
-use skinning_train::reduce::{Signals, reduce};
-
-/// Signals of `dims` numbers like those of hair: some hundred ways to move, smooth in their order of size, a few of them in
-/// each signal, and noise.
-fn made(dims: usize, n_signals: usize) -> Signals {
-    const MOTIONS: usize = 160;
-    const PER_SIGNAL: usize = 5;
-    const NOISE: f64 = 0.1;
-    let mut rng = Pcg64Mcg::seed_from_u64(2010);
-    let mut motions = Vec::with_capacity(MOTIONS);
-    for _ in 0..MOTIONS {
-        let mut motion: Vec<f64> =
-            (0..dims).map(|d| rng.random_range(-1.0..1.0) / (1.0 + 10.0 * d as f64 / dims as f64)).collect();
-        let length = motion.iter().map(|x| x * x).sum::<f64>().sqrt();
-        motion.iter_mut().for_each(|x| *x /= length);
-        motions.push(motion);
-    }
-    let mut coords = Vec::with_capacity(dims * n_signals);
-    for _ in 0..n_signals {
-        let noise = NOISE / (dims as f64).sqrt();
-        let mut signal: Vec<f64> = (0..dims).map(|_| noise * rng.random_range(-1.0..1.0)).collect();
-        for _ in 0..PER_SIGNAL {
-            let motion = &motions[rng.random_range(0..MOTIONS)];
-            let share = rng.random_range(-1.0..1.0);
-            signal.iter_mut().zip(motion).for_each(|(x, m)| *x += share * m);
-        }
-        coords.extend(signal);
-    }
-    let scale = (n_signals as f64 / coords.iter().map(|x| x * x).sum::<f64>()).sqrt();
-    coords.iter_mut().for_each(|x| *x *= scale);
-    Signals { rank: dims, coords, scale, lost_energy: 0.0 }
-}
+use skinning_train::reduce::reduce;
 
 fn write(folder: &Path, name: &str, values: &[f64]) -> std::io::Result<()> {
     let bytes: Vec<u8> = values.iter().flat_map(|x| x.to_le_bytes()).collect();

@@ -10,20 +10,25 @@
 //! - [`comb_sweeps`]: combs swept through strands, and what goes through
 //! - [`collision_checks`]: the interpolation check beside exact tests, and what culling saves
 //! - [`collision_bench`]: what distance fields cost, and their errors
+//! - [`sparse_signals`]: dictionary learning beside what another library reached on the same matrices
 //! - [`strand_scenes`]: the tests of MS08 on single hairs and a tuft
 //! - [`training_bench`]: what the kernels of training cost, and how far they are from a general solver
+//! - [`chart`]: curves over a number, as a picture
+//! - [`guide_comparison`]: ways to select guides, judged on motion they were not trained on
 //! - [`run`]: a scene run in one of the modes compared; [`measures`]: what it is judged by
 //!
 //! Centimetre, gram, second. Everything here is a function of its parameters and seed: the same bytes on any machine
 //! with the same floating-point library, for any thread count.
 
 pub mod baked;
+pub mod chart;
 pub mod collision_bench;
 pub mod collision_checks;
 pub mod comb_sweeps;
 mod error;
 pub mod full_space;
 pub mod grooms;
+pub mod guide_comparison;
 pub mod head_motion;
 mod histogram;
 pub mod measures;
@@ -33,6 +38,7 @@ pub mod shapes;
 pub mod shapes_bumpy;
 pub mod shapes_gear;
 pub mod shapes_hand;
+pub mod sparse_signals;
 pub mod strand_bench;
 pub mod strand_scenes;
 pub mod training_bench;

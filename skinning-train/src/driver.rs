@@ -20,7 +20,10 @@ use crate::assemble::{SetArrays, assemble};
 use crate::eligible::{Eligible, EligibleParams, choose_eligible};
 use crate::error::{Error, Result};
 use crate::gram::{StrandGram, accumulate};
+use crate::guide_select::graph::GuideParts;
+use crate::guide_select::method::{EligibleRule, compared_guides};
 use crate::guide_select::nearest::nearest_strands;
+use crate::guide_select::part_eligible::choose_eligible_of_parts;
 use crate::guide_select::sparse_coding::{SparseCodingParams, learn_dictionary};
 use crate::keys::Keys;
 use crate::motion_scales::{CalibrationParams, MotionScales, calibrate};
@@ -73,6 +76,8 @@ impl Guides {
 #[derive(Serialize, Deserialize)]
 struct ChosenGuides {
     strands: Vec<u32>,
+    /// Where guides stand for parts of a graph.
+    parts: Option<GuideParts>,
     objective: Vec<f64>,
     n_stopped: usize,
     rank: usize,
@@ -162,7 +167,7 @@ impl<'a> Trainer<'a> {
     /// # Errors
     /// When a frame cannot be read or is not finite, or a stage cannot be kept.
     pub fn choose_guides(&mut self) -> Result<Guides> {
-        let (frames, params) = (self.frames, self.params);
+        let (frames, rest, params) = (self.frames, self.inputs.rest, self.params);
         let n_frames = frames.n_frames() as u64;
         let (guides_key, eligible_key) = (self.keys().guides(), self.keys().eligible());
         let signals = if self.is_kept("guides", guides_key) && self.is_kept("eligible", eligible_key) {
@@ -183,9 +188,14 @@ impl<'a> Trainer<'a> {
         };
         let chosen: ChosenGuides = self.stage("guides", guides_key, params.epochs as u64, |tick| {
             let signals = of_signals("guides")?;
+            if let Some((strands, parts)) = compared_guides(frames, rest, params, tick)? {
+                let (rank, lost_energy) = (signals.rank, signals.lost_energy);
+                return Ok(ChosenGuides { strands, parts, objective: Vec::new(), n_stopped: 0, rank, lost_energy });
+            }
             let dictionary = learn_dictionary(signals, &coding, tick);
             Ok(ChosenGuides {
                 strands: nearest_strands(signals, &dictionary),
+                parts: None,
                 objective: dictionary.objective,
                 n_stopped: dictionary.n_stopped,
                 rank: signals.rank,
@@ -194,8 +204,11 @@ impl<'a> Trainer<'a> {
         })?;
         let strands = chosen.strands;
         let limits = self.eligible_params();
-        let eligible = self
-            .stage("eligible", eligible_key, 1, |_| Ok(choose_eligible(of_signals("eligible")?, &strands, &limits)))?;
+        let parts = chosen.parts.filter(|_| params.eligible_rule == EligibleRule::Parts);
+        let eligible = self.stage("eligible", eligible_key, 1, |tick| match &parts {
+            Some(parts) => choose_eligible_of_parts(frames, rest, parts, &limits, tick),
+            None => Ok(choose_eligible(of_signals("eligible")?, &strands, &limits)),
+        })?;
         drop(signals);
         let pairs = eligible.pairs();
         let calibration = self.calibration();

@@ -25,12 +25,12 @@ impl Keys<'_> {
     pub fn guides(&self) -> u64 {
         let p = self.params;
         let chosen = hash_of(&(p.n_guides, p.sparsity, p.epochs, p.batch, p.seed));
-        stage_key("guides", &[self.reduce(), chosen])
+        stage_key("guides", &[self.reduce(), chosen, hash_of(&(p.guide_method, p.graph))])
     }
 
     pub fn eligible(&self) -> u64 {
         let p = self.params;
-        let limits = hash_of(&(p.sparsity, p.min_weight, p.min_eligible, p.max_eligible));
+        let limits = hash_of(&(p.eligible_rule, p.sparsity, p.min_weight, p.min_eligible, p.max_eligible));
         stage_key("eligible", &[self.guides(), limits])
     }
 

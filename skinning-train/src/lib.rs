@@ -51,4 +51,4 @@ pub mod transforms;
 pub use driver::{Guides, TrainInputs, Trainer, train};
 pub use error::{Error, Result};
 pub use keys::model_key;
-pub use params::{FitError, JudgedFit, Progress, TrainParams, TrainReport};
+pub use params::{EligibleRule, FitError, GuideMethod, JudgedFit, Progress, TrainParams, TrainReport};

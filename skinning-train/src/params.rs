@@ -3,6 +3,8 @@
 //! Parameters have no silent defaults: they come from a named preset, and are checked once, before any frame is read.
 
 use crate::error::{Error, Result};
+use crate::guide_select::graph::GraphParams;
+pub use crate::guide_select::method::{EligibleRule, GuideMethod};
 use crate::motion_scales::PAPER_VELOCITY_WEIGHT;
 use io_formats::StageCost;
 use io_formats::guide_transform::Blend;
@@ -14,6 +16,12 @@ use serde::{Deserialize, Serialize};
 pub struct TrainParams {
     /// Guides to select; at most as many as strands.
     pub n_guides: usize,
+    /// How they are selected.
+    pub guide_method: GuideMethod,
+    /// How eligible guides are chosen among them.
+    pub eligible_rule: EligibleRule,
+    /// The graph of [`GuideMethod::Graph`].
+    pub graph: GraphParams,
     /// Eligible guides of a strand at most, up to 9.
     pub max_eligible: usize,
     /// Eligible guides of a strand at least, as far as there are so many.
@@ -56,6 +64,9 @@ impl TrainParams {
     pub fn standard(n_guides: usize) -> Self {
         Self {
             n_guides,
+            guide_method: GuideMethod::SparseCoding,
+            eligible_rule: EligibleRule::SparseCoding,
+            graph: GraphParams::standard(),
             max_eligible: MAX_ELIGIBLE,
             min_eligible: 6,
             sparsity: 0.015,
@@ -81,6 +92,16 @@ impl TrainParams {
     pub fn check(&self, n_strands: usize) -> Result<()> {
         let most_guides = n_strands.min(usize::from(u16::MAX));
         in_range("n_guides", self.n_guides, 1, most_guides)?;
+        if self.eligible_rule == EligibleRule::Parts && self.guide_method != GuideMethod::Graph {
+            return Err(Error::BadParameter {
+                name: "eligible_rule",
+                value: "Parts".to_owned(),
+                expected: format!("parts come with guide_method graph, not with {}", self.guide_method.name()),
+            });
+        }
+        in_range("graph.radius_factor", self.graph.radius_factor, f64::MIN_POSITIVE, f64::from(f32::MAX))?;
+        in_range("graph.near_share", self.graph.near_share, 0.0, 1.0)?;
+        in_range("graph.max_neighbours", self.graph.max_neighbours, 1, usize::MAX)?;
         in_range("max_eligible", self.max_eligible, 1, MAX_ELIGIBLE)?;
         in_range("min_eligible", self.min_eligible, 1, self.max_eligible)?;
         in_range("rank", self.rank, 1, usize::MAX / 2)?;
@@ -204,6 +225,11 @@ mod tests {
             ("max_eligible", TrainParams { max_eligible: 10, ..good.clone() }),
             ("min_eligible", TrainParams { min_eligible: 0, ..good.clone() }),
             ("sparsity", TrainParams { sparsity: f64::NAN, ..good.clone() }),
+            ("eligible_rule", TrainParams { eligible_rule: EligibleRule::Parts, ..good.clone() }),
+            (
+                "graph.near_share",
+                TrainParams { graph: GraphParams { near_share: 1.5, ..GraphParams::standard() }, ..good.clone() },
+            ),
             ("release_factor", TrainParams { release_factor: 0.5, ..good }),
         ];
         for (expected, params) in cases {

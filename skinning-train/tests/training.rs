@@ -1,5 +1,6 @@
 //! Training as a whole on a small head of hair made by code: the model is valid, explains the motion it saw, and its
 //! bytes depend on its inputs only.
+#![allow(clippy::unwrap_used, reason = "test code")]
 
 use std::path::{Path, PathBuf};
 

@@ -1,6 +1,7 @@
 //! `xtask bench`: what is measured apart from whole scenes of the salon.
 
 mod collision;
+mod guides;
 mod strand_scenes;
 mod strand_sim;
 mod training;

@@ -6,11 +6,13 @@ use crate::progress::Bars;
 use crate::recording::StepSeconds;
 use crate::report::write_beside;
 use anyhow::{Result, bail};
+use hair_bench::chart::{Curve, draw};
+use hair_bench::picture::Image;
 use hair_bench::run::ErrorPct;
 use io_formats::StageCost;
 use io_formats::scene::MotionUse;
 use serde_json::{Value, json};
-use skinning_train::TrainReport;
+use skinning_train::{JudgedFit, TrainReport};
 use std::ops::Range;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -44,6 +46,9 @@ pub struct Args {
     /// Worker threads; 0 uses all cores. The result does not depend on it.
     #[arg(long, alias = "threads", default_value_t = 0)]
     jobs: usize,
+    /// Also draw the errors by number of guides to this PNG; needs a validation motion.
+    #[arg(long)]
+    plot: Option<PathBuf>,
     /// Also write the figures to this file.
     #[arg(long)]
     json: Option<PathBuf>,
@@ -136,6 +141,12 @@ pub fn run(args: Args) -> Result<()> {
         model.save(path)?;
         println!("written to {}", path.display());
     }
+    if let Some(path) = &args.plot {
+        if by_guides.is_empty() {
+            bail!("--plot draws errors on a validation motion, and the scene has none: set train.validation_seconds");
+        }
+        plot(&by_guides).write_png(path)?;
+    }
     if let Some(path) = &args.json {
         let mut figures = figures(&prepared, &costs, steps, held_out, total_s, peak);
         figures["model_load_seconds"] = json!(load_s);
@@ -143,6 +154,15 @@ pub fn run(args: Args) -> Result<()> {
         write_beside(path, serde_json::to_string_pretty(&figures)?.as_bytes())?;
     }
     Ok(())
+}
+
+fn plot(by_guides: &[JudgedFit]) -> Image {
+    let curve = |name: &str, cm: fn(&JudgedFit) -> f64| Curve {
+        name: name.to_owned(),
+        points: by_guides.iter().map(|j| [j.n_guides as f64, cm(j)]).collect(),
+    };
+    let curves = [curve("validation", |j| j.judged_cm), curve("trained on", |j| j.trained_cm)];
+    draw("error by number of guides", "guides", "cm rms", &curves)
 }
 
 /// Seconds per full-space step as recorded, and without friction where recorded with it.

@@ -1,5 +1,6 @@
 //! Training as a program: killed at random moments, spread over processes, with any number of threads, it ends with the
 //! same bytes.
+#![allow(clippy::unwrap_used, reason = "test code")]
 
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -10,7 +11,7 @@ use std::time::{Duration, Instant};
 /// Strands of two blocks, so that their weights can be shared out.
 const STRANDS: usize = 8300;
 /// Longest life of a process that is to be killed; the whole training takes a few times that.
-const LONGEST_LIFE: Duration = Duration::from_millis(2500);
+const LONGEST_LIFE: Duration = Duration::from_millis(2000);
 /// Runs after which a training that gets nowhere has failed.
 const MOST_RUNS: usize = 200;
 

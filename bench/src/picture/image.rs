@@ -20,13 +20,18 @@ pub struct Image {
 }
 
 impl Image {
-    /// Writes `text` in white on the top left corner; digits, `.`, `-`, `:`, `s`, space are known, others leave a gap.
+    /// Writes `text` in white on the top left corner; digits, letters, `.`, `-`, `:`, `%` are known, others leave a gap.
     pub fn draw_label(&mut self, text: &str) {
         let dot = (self.height / 160).max(1);
+        self.draw_text([2 * dot, 2 * dot], dot, text, [255; 3]);
+    }
+
+    /// Writes `text` from a left and top pixel on, five dots high and four wide a letter, each dot a square of pixels.
+    pub fn draw_text(&mut self, [left, top]: [usize; 2], dot: usize, text: &str, color: [u8; 3]) {
         for (n, c) in text.chars().enumerate() {
             for (row, bits) in glyph(c).into_iter().enumerate() {
                 for column in (0..3).filter(|column| bits >> (2 - column) & 1 == 1) {
-                    self.fill((2 + 4 * n + column) * dot, (2 + row) * dot, dot, [255; 3]);
+                    self.fill(left + (4 * n + column) * dot, top + row * dot, dot, color);
                 }
             }
         }
@@ -37,7 +42,8 @@ impl Image {
         self.draw_label(&format!("{seconds:.2} s"));
     }
 
-    fn fill(&mut self, left: usize, top: usize, side: usize, color: [u8; 3]) {
+    /// A square of one colour, as far as it lies within the picture.
+    pub fn fill(&mut self, left: usize, top: usize, side: usize, color: [u8; 3]) {
         for y in top..(top + side).min(self.height) {
             for x in left..(left + side).min(self.width) {
                 self.rgb[3 * (y * self.width + x)..][..3].copy_from_slice(&color);
@@ -98,7 +104,33 @@ fn glyph(c: char) -> [u8; 5] {
         '7' => [7, 1, 2, 2, 2],
         '8' => [7, 5, 7, 5, 7],
         '9' => [7, 5, 7, 1, 7],
-        's' => [0, 3, 6, 3, 6],
+        's' => [3, 4, 2, 1, 6],
+        'a' => [2, 5, 7, 5, 5],
+        'b' => [6, 5, 6, 5, 6],
+        'c' => [3, 4, 4, 4, 3],
+        'd' => [6, 5, 5, 5, 6],
+        'e' => [7, 4, 6, 4, 7],
+        'f' => [7, 4, 6, 4, 4],
+        'g' => [3, 4, 5, 5, 3],
+        'h' => [5, 5, 7, 5, 5],
+        'i' => [7, 2, 2, 2, 7],
+        'j' => [1, 1, 1, 5, 2],
+        'k' => [5, 5, 6, 5, 5],
+        'l' => [4, 4, 4, 4, 7],
+        'm' => [5, 7, 7, 5, 5],
+        'n' => [6, 5, 5, 5, 5],
+        'o' => [2, 5, 5, 5, 2],
+        'p' => [6, 5, 6, 4, 4],
+        'q' => [2, 5, 5, 6, 3],
+        'r' => [6, 5, 6, 5, 5],
+        't' => [7, 2, 2, 2, 2],
+        'u' => [5, 5, 5, 5, 7],
+        'v' => [5, 5, 5, 5, 2],
+        'w' => [5, 5, 7, 7, 5],
+        'x' => [5, 5, 2, 5, 5],
+        'y' => [5, 5, 2, 2, 2],
+        'z' => [7, 1, 2, 4, 7],
+        '%' => [5, 1, 2, 4, 5],
         '.' => [0, 0, 0, 0, 2],
         ':' => [0, 2, 0, 2, 0],
         '-' => [0, 0, 7, 0, 0],
