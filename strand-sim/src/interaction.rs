@@ -5,16 +5,20 @@
 //! particles, strand-major, root first; perturbed particles take no part. Invariant: impulses between free particles keep
 //! their total momentum, kinematic particles never move, and results do not depend on the thread count.
 
+pub mod blocks;
 pub mod collide;
 pub mod repulsion;
+pub mod slices;
 pub mod stiction;
 
 use collision::segment_pair::{Segment, Sweep, closest_points};
 use collision::spatial_hash::{Pair, PairList, SegmentGrid};
 use nalgebra::Vector3;
 
+pub use blocks::Blocks;
 pub use collide::{CollideParams, CollisionReport, CollisionWorkspace, collide, passes};
 pub use repulsion::{RepulsionParams, RepulsionReport, repel};
+pub use slices::{ContactSampling, SliceSearch};
 pub use stiction::{HairStyle, Link, LinkReport, LinkSet, LinkSpring, StictionParams, StictionWorkspace};
 
 /// Segments of one strand closer than this along it are never paired: they share a particle, or a bend brings them
@@ -207,6 +211,44 @@ impl FourPoints {
         for k in 0..4 {
             let p = self.particles[k];
             field[p] += impulse * (self.weights[k] * inv_mass[p]);
+        }
+    }
+}
+
+/// A vector per particle, of one or two stretches of particles.
+pub(crate) struct TwoFields<'a> {
+    pub low: &'a mut [Vector3<f64>],
+    /// First particle of the lower stretch.
+    pub from: usize,
+    pub high: &'a mut [Vector3<f64>],
+    /// First particle of the higher one; beyond all particles where there is none.
+    pub high_from: usize,
+}
+
+impl TwoFields<'_> {
+    #[inline(always)]
+    fn at(&mut self, particle: usize) -> &mut Vector3<f64> {
+        if particle < self.high_from {
+            &mut self.low[particle - self.from]
+        } else {
+            &mut self.high[particle - self.high_from]
+        }
+    }
+
+    /// As [`FourPoints::difference`].
+    #[inline(always)]
+    pub fn difference(&mut self, points: &FourPoints) -> Vector3<f64> {
+        let [a, b, c, d] = points.particles;
+        let w = &points.weights;
+        *self.at(a) * w[0] + *self.at(b) * w[1] + *self.at(c) * w[2] + *self.at(d) * w[3]
+    }
+
+    /// As [`FourPoints::push`].
+    #[inline(always)]
+    pub fn push(&mut self, points: &FourPoints, inv_mass: &[f64], impulse: &Vector3<f64>) {
+        for k in 0..4 {
+            let p = points.particles[k];
+            *self.at(p) += impulse * (points.weights[k] * inv_mass[p]);
         }
     }
 }

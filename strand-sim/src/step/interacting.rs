@@ -7,10 +7,12 @@
 
 use super::{Span, StepInput, StepParams, StepReport, Work};
 use crate::drive::RootMotion;
+use crate::error::Error;
 use crate::implicit;
 use crate::interaction::{
-    CollideParams, CollisionReport, CollisionWorkspace, LinkReport, LinkSet, LinkSpring, NearPairs, RepulsionParams,
-    RepulsionReport, StictionParams, StictionWorkspace, Strands, collide, passes, repel,
+    Blocks, CollideParams, CollisionReport, CollisionWorkspace, ContactSampling, LinkReport, LinkSet, LinkSpring,
+    NearPairs, RepulsionParams, RepulsionReport, SliceSearch, StictionParams, StictionWorkspace, Strands, collide, passes,
+    repel,
 };
 use crate::lanes::LANES;
 use crate::solve::coupled::{CoupledParams, CoupledWorkspace, NO_UNKNOWN, RankOne, solve_coupled};
@@ -27,6 +29,8 @@ pub struct InteractionParams {
     pub stiction: StictionParams,
     /// Keeping apart.
     pub repulsion: RepulsionParams,
+    /// Which contacts are looked at; `None` looks at every one in every substep. Sticking needs them all.
+    pub sampling: Option<ContactSampling>,
     /// Not passing through; `None` leaves crossings as they are.
     pub collision: Option<CollideParams>,
     /// When the coupled solve stops.
@@ -40,27 +44,48 @@ impl InteractionParams {
         Self {
             stiction: StictionParams::dry(),
             repulsion: RepulsionParams::standard(),
+            sampling: None,
             collision: Some(CollideParams::standard()),
             coupled: CoupledParams { relative_tolerance: 1e-3, max_iterations: 50 },
         }
     }
 
     /// Hairs of a thickness (cm) that press and rub on each other, but neither stick nor are followed through crossings:
-    /// the friction of AS16 §7.1, which asks for no coupled solve.
+    /// the friction of AS16 §7.1, which asks for no coupled solve. Every contact in every substep.
     #[must_use]
     pub fn rubbing(thickness_cm: f64) -> Self {
         let repulsion = RepulsionParams { thickness_cm, ..RepulsionParams::standard() };
         Self { stiction: StictionParams::off(), repulsion, collision: None, ..Self::dry() }
     }
 
+    /// As [`Self::rubbing`] at a cost that grows with the number of hairs alone: contacts are found by sampling.
+    #[must_use]
+    pub fn rubbing_sampled(thickness_cm: f64) -> Self {
+        Self { sampling: Some(ContactSampling::standard()), ..Self::rubbing(thickness_cm) }
+    }
+
     /// Checks every constant.
     ///
     /// # Errors
-    /// [`crate::Error::BadInteraction`] naming the first constant out of range.
-    pub fn validate(&self) -> Result<(), crate::Error> {
+    /// [`Error::BadInteraction`] naming the first constant out of range.
+    pub fn validate(&self) -> Result<(), Error> {
         self.stiction.validate()?;
         self.repulsion.validate()?;
+        if let Some(sampling) = &self.sampling {
+            sampling.validate()?;
+            if self.stiction.max_links > 0 {
+                let (name, value) = ("max_links", self.stiction.max_links as f64);
+                return Err(Error::BadInteraction { name, value, expected: "zero where contacts are sampled" });
+            }
+        }
         self.collision.map_or(Ok(()), |c| c.validate())
+    }
+}
+
+impl InteractionParams {
+    /// How contacts are sampled: where hair sticks, not at all.
+    fn sampling(&self) -> Option<&ContactSampling> {
+        self.sampling.as_ref().filter(|_| self.stiction.max_links == 0)
     }
 }
 
@@ -91,6 +116,8 @@ pub struct InteractionWorkspace {
     works: Vec<Work>,
     near: NearPairs,
     near_after: NearPairs,
+    slices: SliceSearch,
+    sampled: Blocks,
     stiction: StictionWorkspace,
     collision: CollisionWorkspace,
     coupled: CoupledWorkspace,
@@ -176,7 +203,11 @@ impl StrandSystem {
             self.gather(state, &mut w.position, |state, _, p, lane| get(&state.position[p], lane), &w.works);
             let strands = Strands::new(self.n_main, &w.position, &w.inv_mass);
             report.links.broken = links.release(&strands, &interaction.stiction);
-            w.near.find_to_link(&strands, links, &interaction.stiction, interaction.repulsion.thickness_cm);
+            let thickness_cm = interaction.repulsion.thickness_cm;
+            match interaction.sampling() {
+                Some(sampling) => w.slices.find(&strands, thickness_cm, sampling, &mut w.sampled),
+                None => w.near.find_to_link(&strands, links, &interaction.stiction, thickness_cm),
+            }
         });
         timed(&mut report.stick, || {
             let strands = Strands::new(self.n_main, &w.position, &w.inv_mass);
@@ -199,8 +230,10 @@ impl StrandSystem {
             w.velocity.extend(w.next.iter().zip(&w.position).map(|(b, a)| (b - a) / span.h));
             w.before.clone_from(&w.velocity);
             let strands = Strands::new(self.n_main, &w.position, &w.inv_mass);
-            let near = w.near.pairs();
-            report.repulsion = repel(&strands, near, links, &interaction.repulsion, span.h, &mut w.velocity);
+            report.repulsion = match interaction.sampling() {
+                Some(_) => w.sampled.repel(&strands, &interaction.repulsion, span.h, &mut w.velocity),
+                None => repel(&strands, w.near.pairs(), links, &interaction.repulsion, span.h, &mut w.velocity),
+            };
             w.next.clear();
             w.next.extend(w.velocity.iter().zip(&w.position).map(|(v, x)| x + v * span.h));
             // Repulsion in a clump stretches hair again.
@@ -263,9 +296,13 @@ impl StrandSystem {
                 w.before.clone_from(&w.velocity);
                 let reach = interaction.repulsion.thickness_cm;
                 let strands = Strands::new(self.n_main, &w.next, &w.inv_mass);
-                w.near_after.find(&strands, reach);
-                let near = w.near_after.pairs();
-                repel(&strands, near, links, &interaction.repulsion, span.h, &mut w.velocity);
+                if let Some(sampling) = interaction.sampling() {
+                    w.slices.find(&strands, reach, sampling, &mut w.sampled);
+                    w.sampled.repel(&strands, &interaction.repulsion, span.h, &mut w.velocity);
+                } else {
+                    w.near_after.find(&strands, reach);
+                    repel(&strands, w.near_after.pairs(), links, &interaction.repulsion, span.h, &mut w.velocity);
+                }
                 for (v, before) in w.velocity.iter_mut().zip(&w.before) {
                     *v -= before;
                 }
