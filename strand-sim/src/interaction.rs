@@ -91,13 +91,18 @@ impl<'a> Strands<'a> {
         segment_at(self.position, self.first_particle(segment))
     }
 
+    /// Whether two segments are not neighbours on one strand.
+    #[inline(always)]
+    fn are_apart(&self, i: usize, j: usize) -> bool {
+        let per_strand = self.n_particles as u32 - 1;
+        (j as u32).abs_diff(i as u32) >= SAME_STRAND_GAP || i as u32 / per_strand != j as u32 / per_strand
+    }
+
     /// Whether two segments may meet at all: not neighbours on one strand, and not all four ends kinematic.
     #[inline(always)]
     fn may_meet(&self, i: usize, j: usize) -> bool {
-        let per_strand = self.n_particles as u32 - 1;
-        let apart = (j as u32).abs_diff(i as u32) >= SAME_STRAND_GAP || i as u32 / per_strand != j as u32 / per_strand;
         let (a, b) = (self.first_particle(i), self.first_particle(j));
-        apart && self.inv_mass[a] + self.inv_mass[a + 1] + self.inv_mass[b] + self.inv_mass[b + 1] > 0.0
+        self.are_apart(i, j) && self.inv_mass[a] + self.inv_mass[a + 1] + self.inv_mass[b] + self.inv_mass[b + 1] > 0.0
     }
 }
 
@@ -211,44 +216,6 @@ impl FourPoints {
         for k in 0..4 {
             let p = self.particles[k];
             field[p] += impulse * (self.weights[k] * inv_mass[p]);
-        }
-    }
-}
-
-/// A vector per particle, of one or two stretches of particles.
-pub(crate) struct TwoFields<'a> {
-    pub low: &'a mut [Vector3<f64>],
-    /// First particle of the lower stretch.
-    pub from: usize,
-    pub high: &'a mut [Vector3<f64>],
-    /// First particle of the higher one; beyond all particles where there is none.
-    pub high_from: usize,
-}
-
-impl TwoFields<'_> {
-    #[inline(always)]
-    fn at(&mut self, particle: usize) -> &mut Vector3<f64> {
-        if particle < self.high_from {
-            &mut self.low[particle - self.from]
-        } else {
-            &mut self.high[particle - self.high_from]
-        }
-    }
-
-    /// As [`FourPoints::difference`].
-    #[inline(always)]
-    pub fn difference(&mut self, points: &FourPoints) -> Vector3<f64> {
-        let [a, b, c, d] = points.particles;
-        let w = &points.weights;
-        *self.at(a) * w[0] + *self.at(b) * w[1] + *self.at(c) * w[2] + *self.at(d) * w[3]
-    }
-
-    /// As [`FourPoints::push`].
-    #[inline(always)]
-    pub fn push(&mut self, points: &FourPoints, inv_mass: &[f64], impulse: &Vector3<f64>) {
-        for k in 0..4 {
-            let p = points.particles[k];
-            *self.at(p) += impulse * (points.weights[k] * inv_mass[p]);
         }
     }
 }

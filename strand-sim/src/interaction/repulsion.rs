@@ -6,7 +6,7 @@
 //! the impulse acts along the line that joins its two points.
 
 use super::stiction::LinkSet;
-use super::{FourPoints, Near, Strands, TwoFields, friction_impulse};
+use super::{FourPoints, Near, Strands, friction_impulse};
 use crate::error::Error;
 use collision::spatial_hash::Pair;
 use nalgebra::Vector3;
@@ -82,11 +82,44 @@ pub fn repel(
     velocity: &mut [Vector3<f64>],
 ) -> RepulsionReport {
     let mut report = RepulsionReport::default();
-    let mut velocity = TwoFields { low: velocity, from: 0, high: &mut [], high_from: usize::MAX };
+    let mut field = Flat { inv_mass: strands.inv_mass, velocity };
     for pair in near.iter().filter(|pair| !links.is_linked(pair.i as usize, pair.j as usize)) {
-        report += repel_pair(strands, pair, params, dt, &mut velocity);
+        report += repel_pair(strands, pair, params, dt, &mut field);
     }
     report
+}
+
+/// Velocities and masses, however they lie in memory.
+pub(super) trait Field {
+    /// As [`FourPoints::difference`] of velocities.
+    fn difference(&mut self, points: &FourPoints) -> Vector3<f64>;
+    /// As [`FourPoints::inv_mass`].
+    fn inv_mass(&mut self, points: &FourPoints) -> f64;
+    /// As [`FourPoints::push`] of velocities.
+    fn push(&mut self, points: &FourPoints, impulse: &Vector3<f64>);
+}
+
+/// One vector of each for all particles.
+struct Flat<'a> {
+    inv_mass: &'a [f64],
+    velocity: &'a mut [Vector3<f64>],
+}
+
+impl Field for Flat<'_> {
+    #[inline(always)]
+    fn difference(&mut self, points: &FourPoints) -> Vector3<f64> {
+        points.difference(self.velocity)
+    }
+
+    #[inline(always)]
+    fn inv_mass(&mut self, points: &FourPoints) -> f64 {
+        points.inv_mass(self.inv_mass)
+    }
+
+    #[inline(always)]
+    fn push(&mut self, points: &FourPoints, impulse: &Vector3<f64>) {
+        points.push(self.inv_mass, impulse, self.velocity);
+    }
 }
 
 /// Keeps one pair apart.
@@ -96,7 +129,7 @@ pub(super) fn repel_pair(
     pair: &Pair<Near>,
     params: &RepulsionParams,
     dt: f64,
-    velocity: &mut TwoFields,
+    field: &mut impl Field,
 ) -> RepulsionReport {
     let distance2 = pair.data.offset.norm_squared();
     // Exactly crossing pairs have no side to be pushed to; the next step's motion gives them one.
@@ -104,19 +137,19 @@ pub(super) fn repel_pair(
         return RepulsionReport::default();
     }
     let points = FourPoints::new(strands, pair.i, pair.j, pair.data.s, pair.data.t);
-    let inv_mass = points.inv_mass(strands.inv_mass);
+    let inv_mass = field.inv_mass(&points);
     if inv_mass <= 0.0 {
         return RepulsionReport::default();
     }
     let distance = distance2.sqrt();
     let normal = pair.data.offset / distance;
-    let relative = velocity.difference(&points);
+    let relative = field.difference(&points);
     let speed = relative.dot(&normal);
     let impulse = normal_impulse(speed, params.thickness_cm - distance, inv_mass, params, dt);
     if impulse > 0.0 {
         let sliding = relative - normal * speed;
         let total = normal * impulse + friction_impulse(&sliding, inv_mass, params.friction * impulse);
-        velocity.push(&points, strands.inv_mass, &total);
+        field.push(&points, &total);
     }
     RepulsionReport { touching: 1, pushed: usize::from(impulse > 0.0) }
 }

@@ -12,6 +12,7 @@
 use super::Strands;
 use super::blocks::{BLOCKS, Blocks};
 use crate::error::Error;
+use multiversion::multiversion;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -37,13 +38,15 @@ pub struct ContactSampling {
     pub window: f64,
     /// Contacts kept for each cut at most, the nearest ones; 16 at most.
     pub max_contacts: usize,
+    /// Whether contacts are looked for in every substep, or once a step.
+    pub every_substep: bool,
 }
 
 impl ContactSampling {
     /// Planes half a segment of a 25 cm hair apart, a window of three thicknesses, four contacts.
     #[must_use]
     pub fn standard() -> Self {
-        Self { spacing_cm: 0.5, window: 3.0, max_contacts: 4 }
+        Self { spacing_cm: 0.5, window: 3.0, max_contacts: 4, every_substep: false }
     }
 
     /// Checks every constant.
@@ -95,8 +98,6 @@ struct Slicing {
 #[derive(Clone, Debug, Default)]
 struct GroupWork {
     cuts: Vec<Cut>,
-    /// First cut of each bucket; one more than there are buckets.
-    start: Vec<u32>,
 }
 
 /// Buffers of a search, kept from step to step.
@@ -124,8 +125,7 @@ impl SliceSearch {
         self.cut(strands, &slicing);
         let pieces = &self.pieces;
         let find = |(group, (work, lists)): (usize, (&mut GroupWork, &mut Vec<Vec<[u32; 2]>>))| {
-            work.file(pieces, group, slicing.window);
-            work.search(strands, &slicing, lists);
+            work.search(pieces, group, strands, &slicing, lists);
         };
         self.groups.resize_with(GROUPS, GroupWork::default);
         self.groups.par_iter_mut().zip(&mut found.lists).enumerate().with_max_len(1).for_each(find);
@@ -189,16 +189,11 @@ impl Slicing {
                     across: across as f32,
                     low: (low - at) as f32,
                     segment: segment as u32,
-                    row: row_of(axis, plane as i64, self.cell(place[1])),
+                    row: row_of(axis, plane as i64, (place[1] / self.window).floor() as i32),
                 });
                 plane += 1.0;
             }
         }
-    }
-
-    #[inline(always)]
-    fn cell(&self, x: f32) -> i32 {
-        cell(x, self.window)
     }
 
     /// Squared distance that two segments come within between half a spacing below the plane and half above, never more
@@ -248,83 +243,79 @@ fn in_plane(axis: usize) -> [usize; 2] {
     [(axis + 1) % 3, (axis + 2) % 3]
 }
 
+/// Names a strip of a plane, next to each other in ascending order; those named alike are metres apart, and the distance
+/// tells them from each other.
 #[inline(always)]
-fn cell(x: f32, window: f32) -> i32 {
-    (x / window).floor() as i32
+fn row_of(axis: usize, plane: i64, strip: i32) -> u32 {
+    (axis as u32) << 30 | (plane as u32 & 0xfff) << 18 | (strip.wrapping_add(0x2_0000) as u32 & 0x3_ffff)
 }
 
-/// Names a row of cells; rows named alike are metres apart, and the distance tells them from each other.
-#[inline(always)]
-fn row_of(axis: usize, plane: i64, cell: i32) -> u32 {
-    (axis as u32) << 30 | (plane as u32 & 0xfff) << 18 | (cell as u32 & 0x3_ffff)
-}
-
-#[inline(always)]
-fn next_row(row: u32) -> u32 {
-    row & !0x3_ffff | row.wrapping_add(1) & 0x3_ffff
-}
-
-#[inline(always)]
-fn bucket_of(row: u32, cell: i32, n_buckets: usize) -> usize {
-    let hash = u64::from(row).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32;
-    (hash.wrapping_add(cell as u64) as usize) & (n_buckets - 1)
+impl Cut {
+    /// Strip by strip, then along it.
+    #[inline(always)]
+    fn order(&self) -> u64 {
+        // Of finite numbers: negative ones descend with their bits.
+        let bits = self.place[0].to_bits();
+        let ascending = if bits >> 31 == 0 { bits | 1 << 31 } else { !bits };
+        u64::from(self.row) << 32 | u64::from(ascending)
+    }
 }
 
 impl GroupWork {
-    /// Files the cuts of a group of planes under their cells: a counting sort.
-    fn file(&mut self, pieces: &[Vec<Vec<Cut>>], group: usize, window: f32) {
-        let Self { cuts, start } = self;
-        let all = || pieces.iter().flat_map(|groups| &groups[group]);
-        let n: usize = pieces.iter().map(|groups| groups[group].len()).sum();
-        let n_buckets = n.next_power_of_two().max(16);
-        start.clear();
-        start.resize(n_buckets + 1, 0);
-        for cut in all() {
-            start[bucket_of(cut.row, cell(cut.place[0], window), n_buckets)] += 1;
+    fn search(
+        &mut self,
+        pieces: &[Vec<Vec<Cut>>],
+        group: usize,
+        strands: &Strands,
+        slicing: &Slicing,
+        lists: &mut [Vec<[u32; 2]>],
+    ) {
+        let Self { cuts } = self;
+        cuts.clear();
+        pieces.iter().for_each(|groups| cuts.extend_from_slice(&groups[group]));
+        cuts.sort_unstable_by_key(Cut::order);
+        let mut begin = 0;
+        while begin < cuts.len() {
+            let end = begin + cuts[begin..].partition_point(|cut| cut.row == cuts[begin].row);
+            let above = cuts[end..].partition_point(|cut| cut.row == cuts[begin].row + 1);
+            search_strip(&cuts[begin..end], &cuts[end..end + above], strands, slicing, lists);
+            begin = end;
         }
-        let mut sum = 0;
-        for first in start.iter_mut() {
-            (sum, *first) = (sum + *first, sum);
-        }
-        cuts.resize(n, Cut::default());
-        for cut in all() {
-            let place = &mut start[bucket_of(cut.row, cell(cut.place[0], window), n_buckets)];
-            cuts[*place as usize] = *cut;
-            *place += 1;
-        }
-        // Every entry is its bucket's end now, which is where the next one begins.
-        start.copy_within(0..n_buckets, 1);
-        start[0] = 0;
     }
+}
 
-    fn search(&self, strands: &Strands, slicing: &Slicing, lists: &mut [Vec<[u32; 2]>]) {
-        let n_buckets = self.start.len() - 1;
-        let per_block = Blocks::segments_per_block(strands);
-        let mut nearest = Nearest::default();
-        for (k, cut) in self.cuts.iter().enumerate() {
-            nearest.n = 0;
-            let x = slicing.cell(cut.place[0]);
-            let above = next_row(cut.row);
-            // Half of the nine cells around: each pair is met from one side.
-            for (row, x) in [(cut.row, x), (cut.row, x + 1), (above, x - 1), (above, x), (above, x + 1)] {
-                let bucket = bucket_of(row, x, n_buckets);
-                let (mut first, end) = (self.start[bucket] as usize, self.start[bucket + 1] as usize);
-                if row == cut.row && bucket == bucket_of(cut.row, slicing.cell(cut.place[0]), n_buckets) {
-                    first = k + 1;
+/// Names the pairs of a strip's cuts with each other and with those of the strip above, nearest first.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+fn search_strip(
+    strip: &[Cut],
+    above: &[Cut],
+    strands: &Strands,
+    slicing: &Slicing,
+    lists: &mut [Vec<[u32; 2]>],
+) {
+    let per_block = Blocks::segments_per_block(strands);
+    let mut nearest = Nearest::default();
+    let mut first_above = 0;
+    for (k, cut) in strip.iter().enumerate() {
+        nearest.n = 0;
+        while first_above < above.len() && above[first_above].place[0] < cut.place[0] - slicing.window {
+            first_above += 1;
+        }
+        for others in [&strip[k + 1..], &above[first_above..]] {
+            for other in others {
+                if other.place[0] > cut.place[0] + slicing.window {
+                    break;
                 }
-                for other in &self.cuts[first.min(end)..end] {
-                    if other.row == row
-                        && let Some(distance2) = slicing.names(cut, other)
-                        && strands.may_meet(cut.segment as usize, other.segment as usize)
-                    {
-                        nearest.offer(distance2, other.segment, slicing.max_contacts);
-                    }
+                if let Some(distance2) = slicing.names(cut, other)
+                    && strands.are_apart(cut.segment as usize, other.segment as usize)
+                {
+                    nearest.offer(distance2, other.segment, slicing.max_contacts);
                 }
             }
-            for &(_, other) in &nearest.found[..nearest.n] {
-                let (i, j) = (cut.segment.min(other), cut.segment.max(other));
-                lists[i as usize / per_block * BLOCKS + j as usize / per_block].push([i, j]);
-            }
+        }
+        for &(_, other) in &nearest.found[..nearest.n] {
+            let (i, j) = (cut.segment.min(other), cut.segment.max(other));
+            lists[i as usize / per_block * BLOCKS + j as usize / per_block].push([i, j]);
         }
     }
 }

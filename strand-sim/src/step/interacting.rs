@@ -205,7 +205,10 @@ impl StrandSystem {
             report.links.broken = links.release(&strands, &interaction.stiction);
             let thickness_cm = interaction.repulsion.thickness_cm;
             match interaction.sampling() {
-                Some(sampling) => w.slices.find(&strands, thickness_cm, sampling, &mut w.sampled),
+                Some(sampling) if sampling.every_substep || span.begin == 0.0 => {
+                    w.slices.find(&strands, thickness_cm, sampling, &mut w.sampled);
+                }
+                Some(_) => (),
                 None => w.near.find_to_link(&strands, links, &interaction.stiction, thickness_cm),
             }
         });
