@@ -7,8 +7,8 @@ use io_formats::groom::UniformGroom;
 use nalgebra::{Isometry3, Point3, Vector3};
 use strand_sim::interaction::LinkSet;
 use strand_sim::{
-    InteractionParams, InteractionReport, InteractionWorkspace, Material, StepInput, StepParams, StepReport, StepWorkspace, StrandState,
-    StrandSystem,
+    InteractionParams, InteractionReport, InteractionWorkspace, Material, StepInput, StepParams, StepReport,
+    StepWorkspace, StrandState, StrandSystem,
 };
 
 /// All strands of a groom on a head.

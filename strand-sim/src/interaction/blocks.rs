@@ -34,11 +34,8 @@ const PACK: usize = 4096;
 
 /// The two blocks of a meeting in a round, the lower first: all stand in a ring but the last, and the ring turns.
 fn meeting(round: usize, table: usize) -> (usize, usize) {
-    let (a, b) = if table == 0 {
-        (round, BLOCKS - 1)
-    } else {
-        ((round + table) % ROUNDS, (round + ROUNDS - table) % ROUNDS)
-    };
+    let (a, b) =
+        if table == 0 { (round, BLOCKS - 1) } else { ((round + table) % ROUNDS, (round + ROUNDS - table) % ROUNDS) };
     (a.min(b), a.max(b))
 }
 

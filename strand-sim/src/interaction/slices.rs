@@ -286,13 +286,7 @@ impl GroupWork {
 
 /// Names the pairs of a strip's cuts with each other and with those of the strip above, nearest first.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
-fn search_strip(
-    strip: &[Cut],
-    above: &[Cut],
-    strands: &Strands,
-    slicing: &Slicing,
-    lists: &mut [Vec<[u32; 2]>],
-) {
+fn search_strip(strip: &[Cut], above: &[Cut], strands: &Strands, slicing: &Slicing, lists: &mut [Vec<[u32; 2]>]) {
     let per_block = Blocks::segments_per_block(strands);
     let mut nearest = Nearest::default();
     let mut first_above = 0;

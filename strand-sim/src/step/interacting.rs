@@ -11,8 +11,8 @@ use crate::error::Error;
 use crate::implicit;
 use crate::interaction::{
     Blocks, CollideParams, CollisionReport, CollisionWorkspace, ContactSampling, LinkReport, LinkSet, LinkSpring,
-    NearPairs, RepulsionParams, RepulsionReport, SliceSearch, StictionParams, StictionWorkspace, Strands, collide, passes,
-    repel,
+    NearPairs, RepulsionParams, RepulsionReport, SliceSearch, StictionParams, StictionWorkspace, Strands, collide,
+    passes, repel,
 };
 use crate::lanes::LANES;
 use crate::solve::coupled::{CoupledParams, CoupledWorkspace, NO_UNKNOWN, RankOne, solve_coupled};
