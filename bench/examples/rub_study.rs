@@ -105,7 +105,7 @@ fn slices_of(pos: &[Vector3<f64>], np: usize, n: usize, exact: bool) {
     let mut s = SliceSearch::default();
     let mut b = Blocks::default();
     for (h, w, m) in [(0.5, 3.0, 4), (0.5, 3.0, 16), (1.0, 3.0, 16), (0.5, 6.0, 16), (0.25, 3.0, 16), (0.5, 2.0, 16)] {
-        let p = ContactSampling { spacing_cm: h, window: w, max_contacts: m, every_substep: true };
+        let p = ContactSampling { spacing_cm: h, window: w, max_contacts: m };
         s.find(&strands, th, &p, &mut b);
         let t = ProcessTime::now();
         s.find(&strands, th, &p, &mut b);
@@ -159,7 +159,6 @@ fn run(world: &World, rest: &UniformGroom, n: usize, args: &[String]) {
                             spacing_cm: parts[1].parse().unwrap(),
                             window: parts[2].parse().unwrap(),
                             max_contacts: parts[3].parse().unwrap(),
-                            every_substep: parts[4] == "1",
                         });
                     }
                     full.meeting(p)

@@ -38,15 +38,13 @@ pub struct ContactSampling {
     pub window: f64,
     /// Contacts kept for each cut at most, the nearest ones; 16 at most.
     pub max_contacts: usize,
-    /// Whether contacts are looked for in every substep, or once a step.
-    pub every_substep: bool,
 }
 
 impl ContactSampling {
     /// Planes half a segment of a 25 cm hair apart, a window of three thicknesses, four contacts.
     #[must_use]
     pub fn standard() -> Self {
-        Self { spacing_cm: 0.5, window: 3.0, max_contacts: 4, every_substep: false }
+        Self { spacing_cm: 0.5, window: 3.0, max_contacts: 4 }
     }
 
     /// Checks every constant.

@@ -5,14 +5,14 @@
 //! preconditioner find what the links change. Positions and velocities of the hair's own particles travel through flat
 //! arrays; perturbed particles follow the two they stand between.
 
-use super::{Span, StepInput, StepParams, StepReport, Work};
+use super::rubbing::RubbingWork;
+use super::{Span, StepInput, StepParams, StepReport, StepWorkspace, Work};
 use crate::drive::RootMotion;
 use crate::error::Error;
 use crate::implicit;
 use crate::interaction::{
-    Blocks, CollideParams, CollisionReport, CollisionWorkspace, ContactSampling, LinkReport, LinkSet, LinkSpring,
-    NearPairs, RepulsionParams, RepulsionReport, SliceSearch, StictionParams, StictionWorkspace, Strands, collide,
-    passes, repel,
+    CollideParams, CollisionReport, CollisionWorkspace, ContactSampling, LinkReport, LinkSet, LinkSpring, NearPairs,
+    RepulsionParams, RepulsionReport, StictionParams, StictionWorkspace, Strands, collide, passes, repel,
 };
 use crate::lanes::LANES;
 use crate::solve::coupled::{CoupledParams, CoupledWorkspace, NO_UNKNOWN, RankOne, solve_coupled};
@@ -29,7 +29,8 @@ pub struct InteractionParams {
     pub stiction: StictionParams,
     /// Keeping apart.
     pub repulsion: RepulsionParams,
-    /// Which contacts are looked at; `None` looks at every one in every substep. Sticking needs them all.
+    /// Which contacts are looked at, once before each step; `None` looks at every one in every substep. Sticking and
+    /// collisions need that.
     pub sampling: Option<ContactSampling>,
     /// Not passing through; `None` leaves crossings as they are.
     pub collision: Option<CollideParams>,
@@ -73,9 +74,10 @@ impl InteractionParams {
         self.repulsion.validate()?;
         if let Some(sampling) = &self.sampling {
             sampling.validate()?;
-            if self.stiction.max_links > 0 {
-                let (name, value) = ("max_links", self.stiction.max_links as f64);
-                return Err(Error::BadInteraction { name, value, expected: "zero where contacts are sampled" });
+            let links = if self.collision.is_none() { self.stiction.max_links } else { usize::MAX };
+            if links > 0 {
+                let expected = "zero, and no collisions, where contacts are sampled";
+                return Err(Error::BadInteraction { name: "max_links", value: links as f64, expected });
             }
         }
         self.collision.map_or(Ok(()), |c| c.validate())
@@ -83,9 +85,9 @@ impl InteractionParams {
 }
 
 impl InteractionParams {
-    /// How contacts are sampled: where hair sticks, not at all.
+    /// How contacts are sampled: where hair sticks or must not cross, not at all.
     fn sampling(&self) -> Option<&ContactSampling> {
-        self.sampling.as_ref().filter(|_| self.stiction.max_links == 0)
+        self.sampling.as_ref().filter(|_| self.stiction.max_links == 0 && self.collision.is_none())
     }
 }
 
@@ -116,8 +118,9 @@ pub struct InteractionWorkspace {
     works: Vec<Work>,
     near: NearPairs,
     near_after: NearPairs,
-    slices: SliceSearch,
-    sampled: Blocks,
+    /// Where contacts are sampled, all that is used.
+    rubbing: RubbingWork,
+    plain: StepWorkspace,
     stiction: StictionWorkspace,
     collision: CollisionWorkspace,
     coupled: CoupledWorkspace,
@@ -155,6 +158,11 @@ impl StrandSystem {
         self.check_input(state, input);
         let mut report = InteractionReport::default();
         if self.batches.is_empty() {
+            return report;
+        }
+        if let Some(sampling) = interaction.sampling() {
+            self.rub_before(state, input, sampling, &interaction.repulsion, &mut workspace.rubbing, &mut report);
+            timed(&mut report.integrate, || report.step = self.step(state, input, params, &mut workspace.plain));
             return report;
         }
         workspace.prepare(self);
@@ -204,13 +212,7 @@ impl StrandSystem {
             let strands = Strands::new(self.n_main, &w.position, &w.inv_mass);
             report.links.broken = links.release(&strands, &interaction.stiction);
             let thickness_cm = interaction.repulsion.thickness_cm;
-            match interaction.sampling() {
-                Some(sampling) if sampling.every_substep || span.begin == 0.0 => {
-                    w.slices.find(&strands, thickness_cm, sampling, &mut w.sampled);
-                }
-                Some(_) => (),
-                None => w.near.find_to_link(&strands, links, &interaction.stiction, thickness_cm),
-            }
+            w.near.find_to_link(&strands, links, &interaction.stiction, thickness_cm);
         });
         timed(&mut report.stick, || {
             let strands = Strands::new(self.n_main, &w.position, &w.inv_mass);
@@ -233,10 +235,7 @@ impl StrandSystem {
             w.velocity.extend(w.next.iter().zip(&w.position).map(|(b, a)| (b - a) / span.h));
             w.before.clone_from(&w.velocity);
             let strands = Strands::new(self.n_main, &w.position, &w.inv_mass);
-            report.repulsion = match interaction.sampling() {
-                Some(_) => w.sampled.repel(&strands, &interaction.repulsion, span.h, &mut w.velocity),
-                None => repel(&strands, w.near.pairs(), links, &interaction.repulsion, span.h, &mut w.velocity),
-            };
+            report.repulsion = repel(&strands, w.near.pairs(), links, &interaction.repulsion, span.h, &mut w.velocity);
             w.next.clear();
             w.next.extend(w.velocity.iter().zip(&w.position).map(|(v, x)| x + v * span.h));
             // Repulsion in a clump stretches hair again.
@@ -299,13 +298,8 @@ impl StrandSystem {
                 w.before.clone_from(&w.velocity);
                 let reach = interaction.repulsion.thickness_cm;
                 let strands = Strands::new(self.n_main, &w.next, &w.inv_mass);
-                if let Some(sampling) = interaction.sampling() {
-                    w.slices.find(&strands, reach, sampling, &mut w.sampled);
-                    w.sampled.repel(&strands, &interaction.repulsion, span.h, &mut w.velocity);
-                } else {
-                    w.near_after.find(&strands, reach);
-                    repel(&strands, w.near_after.pairs(), links, &interaction.repulsion, span.h, &mut w.velocity);
-                }
+                w.near_after.find(&strands, reach);
+                repel(&strands, w.near_after.pairs(), links, &interaction.repulsion, span.h, &mut w.velocity);
                 for (v, before) in w.velocity.iter_mut().zip(&w.before) {
                     *v -= before;
                 }
@@ -423,7 +417,7 @@ impl StrandSystem {
     }
 
     /// As [`Self::inverse_masses`] over a step: particles driven in it are moved by nothing else either.
-    fn free_inverse_masses(&self, input: &StepInput, out: &mut Vec<f64>) {
+    pub(super) fn free_inverse_masses(&self, input: &StepInput, out: &mut Vec<f64>) {
         self.inverse_masses(out);
         for drive in input.drives {
             let strand = &mut out[drive.strand as usize * self.n_main..][..self.n_main];
@@ -507,7 +501,7 @@ impl StrandSystem {
     }
 
     /// Adds a change of velocity; perturbed particles get that of the middle of their segment.
-    fn add_velocity(&self, batch: &Batch, change: &[Vector3<f64>], velocity: &mut [crate::lanes::Lane3]) {
+    pub(super) fn add_velocity(&self, batch: &Batch, change: &[Vector3<f64>], velocity: &mut [crate::lanes::Lane3]) {
         let topology = &self.topologies[batch.topology];
         for (lane, &strand) in batch.strands.iter().enumerate() {
             let change = &change[strand as usize * self.n_main..][..self.n_main];
@@ -584,7 +578,7 @@ fn split<'a>(
     pieces.into_par_iter()
 }
 
-fn timed<T>(sum: &mut Duration, run: impl FnOnce() -> T) -> T {
+pub(super) fn timed<T>(sum: &mut Duration, run: impl FnOnce() -> T) -> T {
     let clock = Instant::now();
     let out = run();
     *sum += clock.elapsed();

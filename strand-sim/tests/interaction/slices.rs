@@ -16,8 +16,7 @@ const ROUND_OFF: f64 = 1e-12;
 
 const THICK: RepulsionParams = RepulsionParams { thickness_cm: 0.15, stiffness: 1.0, max_share: 0.1, friction: 0.3 };
 
-const UNCAPPED: ContactSampling =
-    ContactSampling { spacing_cm: 0.2, window: 3.0, max_contacts: 16, every_substep: true };
+const UNCAPPED: ContactSampling = ContactSampling { spacing_cm: 0.2, window: 3.0, max_contacts: 16 };
 
 fn named(scene: &Scene, thickness_cm: f64, sampling: &ContactSampling) -> Blocks {
     let mut blocks = Blocks::default();

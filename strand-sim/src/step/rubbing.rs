@@ -1,0 +1,74 @@
+//! Hair rubs on hair before a step: the friction of AS16 §7.1 at a cost that whole heads can bear.
+//!
+//! Contacts are sampled (`interaction::slices`) where the last step left the hair, impulses go to the velocities it starts
+//! with, and the plain step follows, strands on their own. Between the solves of a step, where MS08 §4 has repulsion, every
+//! strand's matrix would have to be kept until all have met (docs/DEVIATIONS.md). Invariant: what rubbing changes keeps the
+//! momentum of free particles, and only velocities change.
+
+use super::StepInput;
+use super::interacting::{InteractionReport, timed};
+use crate::interaction::{Blocks, ContactSampling, RepulsionParams, SliceSearch, Strands};
+use crate::system::{StrandState, StrandSystem, get};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+/// Buffers of rubbing, kept from step to step.
+#[derive(Debug, Default)]
+pub(super) struct RubbingWork {
+    slices: SliceSearch,
+    contacts: Blocks,
+    inv_mass: Vec<f64>,
+    position: Vec<Vector3<f64>>,
+    velocity: Vec<Vector3<f64>>,
+    before: Vec<Vector3<f64>>,
+}
+
+impl StrandSystem {
+    /// Gives hairs in contact the impulses of the coming step.
+    /// Implements AS16 §7.1: friction between hairs, after Bridson 2002.
+    pub(super) fn rub_before(
+        &self,
+        state: &mut StrandState,
+        input: &StepInput,
+        sampling: &ContactSampling,
+        repulsion: &RepulsionParams,
+        w: &mut RubbingWork,
+        report: &mut InteractionReport,
+    ) {
+        timed(&mut report.collide, || {
+            self.free_inverse_masses(input, &mut w.inv_mass);
+            self.gather_flat(state, &mut w.position, |state, p, lane| get(&state.position[p], lane));
+            self.gather_flat(state, &mut w.velocity, |state, p, lane| get(&state.velocity[p], lane));
+            w.before.clone_from(&w.velocity);
+            let strands = Strands::new(self.n_main, &w.position, &w.inv_mass);
+            w.slices.find(&strands, repulsion.thickness_cm, sampling, &mut w.contacts);
+            report.repulsion = w.contacts.repel(&strands, repulsion, input.dt, &mut w.velocity);
+            let change = w.velocity.par_iter_mut().zip(&w.before).with_min_len(CHUNK);
+            change.for_each(|(v, before)| *v -= before);
+            let change = &*w.velocity;
+            let batches = self.batches.par_iter().zip(state.batches.par_iter_mut());
+            batches.for_each(|(batch, state)| self.add_velocity(batch, change, &mut state.velocity));
+        });
+    }
+
+    /// One vector of every particle of the hair's own, strand-major.
+    fn gather_flat(
+        &self,
+        state: &StrandState,
+        out: &mut Vec<Vector3<f64>>,
+        read: impl Fn(&crate::system::BatchState, usize, usize) -> Vector3<f64> + Sync,
+    ) {
+        out.resize(self.n_strands * self.n_main, Vector3::zeros());
+        out.par_chunks_mut(self.n_main).enumerate().for_each(|(strand, out)| {
+            let (batch, lane) = self.place[strand];
+            let topology = &self.topologies[self.batches[batch as usize].topology];
+            let state = &state.batches[batch as usize];
+            for (i, out) in out.iter_mut().enumerate() {
+                *out = read(state, topology.rig_of_main(i), lane as usize);
+            }
+        });
+    }
+}
+
+/// Particles handled as one piece of parallel work.
+const CHUNK: usize = 4096;
