@@ -29,7 +29,7 @@ pub struct InteractionParams {
     pub stiction: StictionParams,
     /// Keeping apart.
     pub repulsion: RepulsionParams,
-    /// Which contacts are looked at, once before each step; `None` looks at every one in every substep. Sticking and
+    /// Which contacts are looked at, once a step; `None` looks at every one in every substep. Sticking and
     /// collisions need that.
     pub sampling: Option<ContactSampling>,
     /// Not passing through; `None` leaves crossings as they are.
@@ -161,8 +161,12 @@ impl StrandSystem {
             return report;
         }
         if let Some(sampling) = interaction.sampling() {
-            self.rub_before(state, input, sampling, &interaction.repulsion, &mut workspace.rubbing, &mut report);
+            let (w, thickness_cm) = (&mut workspace.rubbing, interaction.repulsion.thickness_cm);
+            timed(&mut report.collide, || self.look_for_contacts(state, sampling, thickness_cm, input, w));
             timed(&mut report.integrate, || report.step = self.step(state, input, params, &mut workspace.plain));
+            timed(&mut report.collide, || {
+                report.repulsion = self.rub_after(state, input, &interaction.repulsion, w);
+            });
             return report;
         }
         workspace.prepare(self);
@@ -578,7 +582,7 @@ fn split<'a>(
     pieces.into_par_iter()
 }
 
-pub(super) fn timed<T>(sum: &mut Duration, run: impl FnOnce() -> T) -> T {
+fn timed<T>(sum: &mut Duration, run: impl FnOnce() -> T) -> T {
     let clock = Instant::now();
     let out = run();
     *sum += clock.elapsed();

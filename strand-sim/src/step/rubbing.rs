@@ -1,13 +1,13 @@
-//! Hair rubs on hair before a step: the friction of AS16 §7.1 at a cost that whole heads can bear.
+//! Hair rubs on hair around a plain step: the friction of AS16 §7.1 at a cost that whole heads can bear.
 //!
-//! Contacts are sampled (`interaction::slices`) where the last step left the hair, impulses go to the velocities it starts
-//! with, and the plain step follows, strands on their own. Between the solves of a step, where MS08 §4 has repulsion, every
-//! strand's matrix would have to be kept until all have met (docs/DEVIATIONS.md). Invariant: what rubbing changes keeps the
-//! momentum of free particles, and only velocities change.
+//! Contacts are sampled (`interaction::slices`) where the last step left the hair; strands take the step on their own; then
+//! what moved them is taken as the velocity that repulsion acts on, and positions and velocities change by as much. Within
+//! the step, where MS08 §4 has repulsion, every strand's matrix would have to be kept until all have met
+//! (docs/DEVIATIONS.md). Invariant: what rubbing changes keeps the momentum of free particles.
 
 use super::StepInput;
-use super::interacting::{InteractionReport, timed};
-use crate::interaction::{Blocks, ContactSampling, RepulsionParams, SliceSearch, Strands};
+use crate::interaction::{Blocks, ContactSampling, RepulsionParams, RepulsionReport, SliceSearch, Strands};
+use crate::lanes::LANES;
 use crate::system::{StrandState, StrandSystem, get};
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -24,31 +24,52 @@ pub(super) struct RubbingWork {
 }
 
 impl StrandSystem {
-    /// Gives hairs in contact the impulses of the coming step.
+    /// Finds the contacts of the coming step.
+    pub(super) fn look_for_contacts(
+        &self,
+        state: &StrandState,
+        sampling: &ContactSampling,
+        thickness_cm: f64,
+        input: &StepInput,
+        w: &mut RubbingWork,
+    ) {
+        self.free_inverse_masses(input, &mut w.inv_mass);
+        self.gather_flat(state, &mut w.position, |state, p, lane| get(&state.position[p], lane));
+        let strands = Strands::new(self.n_main, &w.position, &w.inv_mass);
+        w.slices.find(&strands, thickness_cm, sampling, &mut w.contacts);
+    }
+
+    /// Gives hairs in contact the impulses of the step just taken: what moved them is changed, and their velocities by as
+    /// much.
     /// Implements AS16 §7.1: friction between hairs, after Bridson 2002.
-    pub(super) fn rub_before(
+    pub(super) fn rub_after(
         &self,
         state: &mut StrandState,
         input: &StepInput,
-        sampling: &ContactSampling,
         repulsion: &RepulsionParams,
         w: &mut RubbingWork,
-        report: &mut InteractionReport,
-    ) {
-        timed(&mut report.collide, || {
-            self.free_inverse_masses(input, &mut w.inv_mass);
-            self.gather_flat(state, &mut w.position, |state, p, lane| get(&state.position[p], lane));
-            self.gather_flat(state, &mut w.velocity, |state, p, lane| get(&state.velocity[p], lane));
-            w.before.clone_from(&w.velocity);
-            let strands = Strands::new(self.n_main, &w.position, &w.inv_mass);
-            w.slices.find(&strands, repulsion.thickness_cm, sampling, &mut w.contacts);
-            report.repulsion = w.contacts.repel(&strands, repulsion, input.dt, &mut w.velocity);
-            let change = w.velocity.par_iter_mut().zip(&w.before).with_min_len(CHUNK);
-            change.for_each(|(v, before)| *v -= before);
-            let change = &*w.velocity;
-            let batches = self.batches.par_iter().zip(state.batches.par_iter_mut());
-            batches.for_each(|(batch, state)| self.add_velocity(batch, change, &mut state.velocity));
+    ) -> RepulsionReport {
+        let dt = input.dt;
+        self.gather_flat(state, &mut w.velocity, |state, p, lane| get(&state.position[p], lane));
+        let moved = w.velocity.par_iter_mut().zip(&w.position).with_min_len(CHUNK);
+        moved.for_each(|(v, before)| *v = (*v - before) / dt);
+        w.before.clone_from(&w.velocity);
+        let strands = Strands::new(self.n_main, &w.position, &w.inv_mass);
+        let report = w.contacts.repel(&strands, repulsion, dt, &mut w.velocity);
+        let change = w.velocity.par_iter_mut().zip(&mut w.before).with_min_len(CHUNK);
+        change.for_each(|(v, before)| {
+            *v -= *before;
+            *before = *v * dt;
         });
+        let (change, moved) = (&*w.velocity, &*w.before);
+        let batches = self.batches.par_iter().zip(state.batches.par_iter_mut());
+        batches.for_each(|(batch, state)| {
+            self.add_velocity(batch, change, &mut state.velocity);
+            self.add_velocity(batch, moved, &mut state.position);
+            // What was known of distances to deforming bodies held for where the step had left the hair.
+            state.clearance.fill([f64::NEG_INFINITY; LANES]);
+        });
+        report
     }
 
     /// One vector of every particle of the hair's own, strand-major.
