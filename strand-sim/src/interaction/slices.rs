@@ -5,7 +5,7 @@
 //! overlap hundreds of others for every true contact. Planes at a spacing cut each segment in a point or two; points of one
 //! plane that lie near each other name the pairs, and the slopes of both segments tell how near these come between this
 //! plane and the next. What lies along each other is found by every plane it crosses; hairs that cross at an angle are found
-//! if a plane happens to pass near the crossing. Planes shift from search to search, so that every contact has its turn
+//! if a plane happens to pass near the crossing, and hardly ever if they cross squarely. Planes shift from search to search
 //! (docs/DEVIATIONS.md). Invariant: a pair is named once, at most the nearest few for each cut, and the result depends on
 //! nothing but positions and parameters.
 
@@ -122,11 +122,9 @@ impl SliceSearch {
         }
         self.cut(strands, &slicing);
         let pieces = &self.pieces;
-        let find = |(group, (work, lists)): (usize, (&mut GroupWork, &mut Vec<Vec<[u32; 2]>>))| {
-            work.search(pieces, group, strands, &slicing, lists);
-        };
         self.groups.resize_with(GROUPS, GroupWork::default);
-        self.groups.par_iter_mut().zip(&mut found.lists).enumerate().with_max_len(1).for_each(find);
+        let groups = self.groups.par_iter_mut().zip(&mut found.lists).enumerate().with_max_len(1);
+        groups.for_each(|(group, (work, lists))| work.search(pieces, group, strands, &slicing, lists));
     }
 
     fn cut(&mut self, strands: &Strands, slicing: &Slicing) {
