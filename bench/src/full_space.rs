@@ -7,8 +7,8 @@ use io_formats::groom::UniformGroom;
 use nalgebra::{Isometry3, Point3, Vector3};
 use strand_sim::interaction::LinkSet;
 use strand_sim::{
-    InteractionParams, InteractionWorkspace, Material, StepInput, StepParams, StepReport, StepWorkspace, StrandState,
-    StrandSystem,
+    InteractionParams, InteractionReport, InteractionWorkspace, Material, StepInput, StepParams, StepReport,
+    StepWorkspace, StrandState, StrandSystem,
 };
 
 /// All strands of a groom on a head.
@@ -28,6 +28,7 @@ struct Friction {
     params: InteractionParams,
     links: LinkSet,
     workspace: InteractionWorkspace,
+    report: InteractionReport,
 }
 
 /// Thickness at which each of so many hairs stands for its share of a head's 100,000 of a tenth of a millimetre: as much
@@ -104,11 +105,24 @@ impl FullSpace {
 
     /// The same hairs with friction on each other (AS16 §7.1).
     #[must_use]
-    pub fn rubbing(mut self) -> Self {
-        let params = InteractionParams::rubbing(thickness_cm(self.system.n_strands()));
-        self.friction =
-            Some(Friction { params, links: LinkSet::default(), workspace: InteractionWorkspace::default() });
+    pub fn rubbing(self) -> Self {
+        let params = InteractionParams::rubbing_sampled(thickness_cm(self.system.n_strands()));
+        self.meeting(params)
+    }
+
+    /// The same hairs meeting each other as told.
+    #[must_use]
+    pub fn meeting(mut self, params: InteractionParams) -> Self {
+        let report = InteractionReport::default();
+        let workspace = InteractionWorkspace::default();
+        self.friction = Some(Friction { params, links: LinkSet::default(), workspace, report });
         self
+    }
+
+    /// What hairs that meet each other did over the last step.
+    #[must_use]
+    pub fn met(&self) -> Option<&InteractionReport> {
+        self.friction.as_ref().map(|friction| &friction.report)
     }
 
     fn of(system: StrandSystem, state: StrandState, params: &StepParams, n: usize) -> Self {
@@ -122,8 +136,9 @@ impl FullSpace {
         let carried = StepInput::carried(dt, self.world_from_head, *world_from_head);
         let input = StepInput { solids, ..carried };
         self.world_from_head = *world_from_head;
-        if let Some(Friction { params, links, workspace }) = &mut self.friction {
-            return self.system.step_interacting(&mut self.state, links, &input, &self.params, params, workspace).step;
+        if let Some(Friction { params, links, workspace, report }) = &mut self.friction {
+            *report = self.system.step_interacting(&mut self.state, links, &input, &self.params, params, workspace);
+            return report.step;
         }
         self.system.step(&mut self.state, &input, &self.params, &mut self.workspace)
     }

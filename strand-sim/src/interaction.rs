@@ -5,16 +5,20 @@
 //! particles, strand-major, root first; perturbed particles take no part. Invariant: impulses between free particles keep
 //! their total momentum, kinematic particles never move, and results do not depend on the thread count.
 
+pub mod blocks;
 pub mod collide;
 pub mod repulsion;
+pub mod slices;
 pub mod stiction;
 
 use collision::segment_pair::{Segment, Sweep, closest_points};
 use collision::spatial_hash::{Pair, PairList, SegmentGrid};
 use nalgebra::Vector3;
 
+pub use blocks::Blocks;
 pub use collide::{CollideParams, CollisionReport, CollisionWorkspace, collide, passes};
 pub use repulsion::{RepulsionParams, RepulsionReport, repel};
+pub use slices::{ContactSampling, SliceSearch};
 pub use stiction::{HairStyle, Link, LinkReport, LinkSet, LinkSpring, StictionParams, StictionWorkspace};
 
 /// Segments of one strand closer than this along it are never paired: they share a particle, or a bend brings them
@@ -87,13 +91,18 @@ impl<'a> Strands<'a> {
         segment_at(self.position, self.first_particle(segment))
     }
 
+    /// Whether two segments are not neighbours on one strand.
+    #[inline(always)]
+    fn are_apart(&self, i: usize, j: usize) -> bool {
+        let per_strand = self.n_particles as u32 - 1;
+        (j as u32).abs_diff(i as u32) >= SAME_STRAND_GAP || i as u32 / per_strand != j as u32 / per_strand
+    }
+
     /// Whether two segments may meet at all: not neighbours on one strand, and not all four ends kinematic.
     #[inline(always)]
     fn may_meet(&self, i: usize, j: usize) -> bool {
-        let per_strand = self.n_particles as u32 - 1;
-        let apart = (j as u32).abs_diff(i as u32) >= SAME_STRAND_GAP || i as u32 / per_strand != j as u32 / per_strand;
         let (a, b) = (self.first_particle(i), self.first_particle(j));
-        apart && self.inv_mass[a] + self.inv_mass[a + 1] + self.inv_mass[b] + self.inv_mass[b + 1] > 0.0
+        self.are_apart(i, j) && self.inv_mass[a] + self.inv_mass[a + 1] + self.inv_mass[b] + self.inv_mass[b + 1] > 0.0
     }
 }
 

@@ -6,6 +6,7 @@
 
 mod finer;
 pub mod interacting;
+mod rubbing;
 
 use crate::bearing::Bearings;
 use crate::body_contact::{Contact, ContactParams, Reaction};

@@ -204,7 +204,8 @@ fn hair_that_meets_hair_gives_the_same_bytes_for_any_number_of_threads() {
         })
     };
     let dry = InteractionParams::dry();
-    for meeting in [dry, InteractionParams { stiction: StictionParams::off(), ..dry }] {
+    let rubbing = InteractionParams::rubbing_sampled(0.05);
+    for meeting in [dry, InteractionParams { stiction: StictionParams::off(), ..dry }, rubbing] {
         let alone = run(1, meeting);
         assert!(alone == run(2, meeting) && alone == run(8, meeting));
     }

@@ -10,6 +10,7 @@ use super::{FourPoints, Near, Strands, friction_impulse};
 use crate::error::Error;
 use collision::spatial_hash::Pair;
 use nalgebra::Vector3;
+use std::ops::AddAssign;
 
 /// Closest distance at which a pair still has a direction to be pushed apart in, cm.
 const SHORTEST_CM: f64 = 1e-9;
@@ -62,6 +63,13 @@ pub struct RepulsionReport {
     pub pushed: usize,
 }
 
+impl AddAssign for RepulsionReport {
+    fn add_assign(&mut self, other: Self) {
+        self.touching += other.touching;
+        self.pushed += other.pushed;
+    }
+}
+
 /// Changes velocities (cm/s) so that near pairs neither approach nor stay overlapped. `near` are pairs of `strands` as
 /// they lie now, ascending; linked ones and those beyond the thickness are passed over.
 /// Implements MS08 §5.3: edge/edge repulsion of Bridson 2002.
@@ -74,35 +82,76 @@ pub fn repel(
     velocity: &mut [Vector3<f64>],
 ) -> RepulsionReport {
     let mut report = RepulsionReport::default();
-    let thickness2 = params.thickness_cm * params.thickness_cm;
-    for pair in near {
-        let distance2 = pair.data.offset.norm_squared();
-        // Exactly crossing pairs have no side to be pushed to; the next step's motion gives them one.
-        if distance2 >= thickness2 || distance2 < SHORTEST_CM * SHORTEST_CM {
-            continue;
-        }
-        if links.is_linked(pair.i as usize, pair.j as usize) {
-            continue;
-        }
-        let points = FourPoints::new(strands, pair.i, pair.j, pair.data.s, pair.data.t);
-        let inv_mass = points.inv_mass(strands.inv_mass);
-        if inv_mass <= 0.0 {
-            continue;
-        }
-        report.touching += 1;
-        let distance = distance2.sqrt();
-        let normal = pair.data.offset / distance;
-        let relative = points.difference(velocity);
-        let speed = relative.dot(&normal);
-        let impulse = normal_impulse(speed, params.thickness_cm - distance, inv_mass, params, dt);
-        if impulse > 0.0 {
-            let sliding = relative - normal * speed;
-            let total = normal * impulse + friction_impulse(&sliding, inv_mass, params.friction * impulse);
-            points.push(strands.inv_mass, &total, velocity);
-            report.pushed += 1;
-        }
+    let mut field = Flat { inv_mass: strands.inv_mass, velocity };
+    for pair in near.iter().filter(|pair| !links.is_linked(pair.i as usize, pair.j as usize)) {
+        report += repel_pair(strands, pair, params, dt, &mut field);
     }
     report
+}
+
+/// Velocities and masses, however they lie in memory.
+pub(super) trait Field {
+    /// As [`FourPoints::difference`] of velocities.
+    fn difference(&mut self, points: &FourPoints) -> Vector3<f64>;
+    /// As [`FourPoints::inv_mass`].
+    fn inv_mass(&mut self, points: &FourPoints) -> f64;
+    /// As [`FourPoints::push`] of velocities.
+    fn push(&mut self, points: &FourPoints, impulse: &Vector3<f64>);
+}
+
+/// One vector of each for all particles.
+struct Flat<'a> {
+    inv_mass: &'a [f64],
+    velocity: &'a mut [Vector3<f64>],
+}
+
+impl Field for Flat<'_> {
+    #[inline(always)]
+    fn difference(&mut self, points: &FourPoints) -> Vector3<f64> {
+        points.difference(self.velocity)
+    }
+
+    #[inline(always)]
+    fn inv_mass(&mut self, points: &FourPoints) -> f64 {
+        points.inv_mass(self.inv_mass)
+    }
+
+    #[inline(always)]
+    fn push(&mut self, points: &FourPoints, impulse: &Vector3<f64>) {
+        points.push(self.inv_mass, impulse, self.velocity);
+    }
+}
+
+/// Keeps one pair apart.
+#[inline(always)]
+pub(super) fn repel_pair(
+    strands: &Strands,
+    pair: &Pair<Near>,
+    params: &RepulsionParams,
+    dt: f64,
+    field: &mut impl Field,
+) -> RepulsionReport {
+    let distance2 = pair.data.offset.norm_squared();
+    // Exactly crossing pairs have no side to be pushed to; the next step's motion gives them one.
+    if distance2 >= params.thickness_cm * params.thickness_cm || distance2 < SHORTEST_CM * SHORTEST_CM {
+        return RepulsionReport::default();
+    }
+    let points = FourPoints::new(strands, pair.i, pair.j, pair.data.s, pair.data.t);
+    let inv_mass = field.inv_mass(&points);
+    if inv_mass <= 0.0 {
+        return RepulsionReport::default();
+    }
+    let distance = distance2.sqrt();
+    let normal = pair.data.offset / distance;
+    let relative = field.difference(&points);
+    let speed = relative.dot(&normal);
+    let impulse = normal_impulse(speed, params.thickness_cm - distance, inv_mass, params, dt);
+    if impulse > 0.0 {
+        let sliding = relative - normal * speed;
+        let total = normal * impulse + friction_impulse(&sliding, inv_mass, params.friction * impulse);
+        field.push(&points, &total);
+    }
+    RepulsionReport { touching: 1, pushed: usize::from(impulse > 0.0) }
 }
 
 /// Impulse along the normal, never negative: what stops the approach, then a spring of the overlap, limited so that the

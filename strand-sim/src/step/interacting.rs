@@ -5,12 +5,14 @@
 //! preconditioner find what the links change. Positions and velocities of the hair's own particles travel through flat
 //! arrays; perturbed particles follow the two they stand between.
 
-use super::{Span, StepInput, StepParams, StepReport, Work};
+use super::rubbing::RubbingWork;
+use super::{Span, StepInput, StepParams, StepReport, StepWorkspace, Work};
 use crate::drive::RootMotion;
+use crate::error::Error;
 use crate::implicit;
 use crate::interaction::{
-    CollideParams, CollisionReport, CollisionWorkspace, LinkReport, LinkSet, LinkSpring, NearPairs, RepulsionParams,
-    RepulsionReport, StictionParams, StictionWorkspace, Strands, collide, passes, repel,
+    CollideParams, CollisionReport, CollisionWorkspace, ContactSampling, LinkReport, LinkSet, LinkSpring, NearPairs,
+    RepulsionParams, RepulsionReport, StictionParams, StictionWorkspace, Strands, collide, passes, repel,
 };
 use crate::lanes::LANES;
 use crate::solve::coupled::{CoupledParams, CoupledWorkspace, NO_UNKNOWN, RankOne, solve_coupled};
@@ -27,6 +29,9 @@ pub struct InteractionParams {
     pub stiction: StictionParams,
     /// Keeping apart.
     pub repulsion: RepulsionParams,
+    /// Which contacts are looked at, once a step; `None` looks at every one in every substep. Sticking and
+    /// collisions need that.
+    pub sampling: Option<ContactSampling>,
     /// Not passing through; `None` leaves crossings as they are.
     pub collision: Option<CollideParams>,
     /// When the coupled solve stops.
@@ -40,27 +45,49 @@ impl InteractionParams {
         Self {
             stiction: StictionParams::dry(),
             repulsion: RepulsionParams::standard(),
+            sampling: None,
             collision: Some(CollideParams::standard()),
             coupled: CoupledParams { relative_tolerance: 1e-3, max_iterations: 50 },
         }
     }
 
     /// Hairs of a thickness (cm) that press and rub on each other, but neither stick nor are followed through crossings:
-    /// the friction of AS16 §7.1, which asks for no coupled solve.
+    /// the friction of AS16 §7.1, which asks for no coupled solve. Every contact in every substep.
     #[must_use]
     pub fn rubbing(thickness_cm: f64) -> Self {
         let repulsion = RepulsionParams { thickness_cm, ..RepulsionParams::standard() };
         Self { stiction: StictionParams::off(), repulsion, collision: None, ..Self::dry() }
     }
 
+    /// As [`Self::rubbing`] at a cost that grows with the number of hairs alone: contacts are found by sampling.
+    #[must_use]
+    pub fn rubbing_sampled(thickness_cm: f64) -> Self {
+        Self { sampling: Some(ContactSampling::standard()), ..Self::rubbing(thickness_cm) }
+    }
+
     /// Checks every constant.
     ///
     /// # Errors
-    /// [`crate::Error::BadInteraction`] naming the first constant out of range.
-    pub fn validate(&self) -> Result<(), crate::Error> {
+    /// [`Error::BadInteraction`] naming the first constant out of range.
+    pub fn validate(&self) -> Result<(), Error> {
         self.stiction.validate()?;
         self.repulsion.validate()?;
+        if let Some(sampling) = &self.sampling {
+            sampling.validate()?;
+            let links = if self.collision.is_none() { self.stiction.max_links } else { usize::MAX };
+            if links > 0 {
+                let expected = "zero, and no collisions, where contacts are sampled";
+                return Err(Error::BadInteraction { name: "max_links", value: links as f64, expected });
+            }
+        }
         self.collision.map_or(Ok(()), |c| c.validate())
+    }
+}
+
+impl InteractionParams {
+    /// How contacts are sampled: where hair sticks or must not cross, not at all.
+    fn sampling(&self) -> Option<&ContactSampling> {
+        self.sampling.as_ref().filter(|_| self.stiction.max_links == 0 && self.collision.is_none())
     }
 }
 
@@ -91,6 +118,9 @@ pub struct InteractionWorkspace {
     works: Vec<Work>,
     near: NearPairs,
     near_after: NearPairs,
+    /// Where contacts are sampled, all that is used.
+    rubbing: RubbingWork,
+    plain: StepWorkspace,
     stiction: StictionWorkspace,
     collision: CollisionWorkspace,
     coupled: CoupledWorkspace,
@@ -128,6 +158,15 @@ impl StrandSystem {
         self.check_input(state, input);
         let mut report = InteractionReport::default();
         if self.batches.is_empty() {
+            return report;
+        }
+        if let Some(sampling) = interaction.sampling() {
+            let (w, thickness_cm) = (&mut workspace.rubbing, interaction.repulsion.thickness_cm);
+            timed(&mut report.collide, || self.look_for_contacts(state, sampling, thickness_cm, input, w));
+            timed(&mut report.integrate, || report.step = self.step(state, input, params, &mut workspace.plain));
+            timed(&mut report.collide, || {
+                report.repulsion = self.rub_after(state, input, &interaction.repulsion, w);
+            });
             return report;
         }
         workspace.prepare(self);
@@ -176,7 +215,8 @@ impl StrandSystem {
             self.gather(state, &mut w.position, |state, _, p, lane| get(&state.position[p], lane), &w.works);
             let strands = Strands::new(self.n_main, &w.position, &w.inv_mass);
             report.links.broken = links.release(&strands, &interaction.stiction);
-            w.near.find_to_link(&strands, links, &interaction.stiction, interaction.repulsion.thickness_cm);
+            let thickness_cm = interaction.repulsion.thickness_cm;
+            w.near.find_to_link(&strands, links, &interaction.stiction, thickness_cm);
         });
         timed(&mut report.stick, || {
             let strands = Strands::new(self.n_main, &w.position, &w.inv_mass);
@@ -199,8 +239,7 @@ impl StrandSystem {
             w.velocity.extend(w.next.iter().zip(&w.position).map(|(b, a)| (b - a) / span.h));
             w.before.clone_from(&w.velocity);
             let strands = Strands::new(self.n_main, &w.position, &w.inv_mass);
-            let near = w.near.pairs();
-            report.repulsion = repel(&strands, near, links, &interaction.repulsion, span.h, &mut w.velocity);
+            report.repulsion = repel(&strands, w.near.pairs(), links, &interaction.repulsion, span.h, &mut w.velocity);
             w.next.clear();
             w.next.extend(w.velocity.iter().zip(&w.position).map(|(v, x)| x + v * span.h));
             // Repulsion in a clump stretches hair again.
@@ -264,8 +303,7 @@ impl StrandSystem {
                 let reach = interaction.repulsion.thickness_cm;
                 let strands = Strands::new(self.n_main, &w.next, &w.inv_mass);
                 w.near_after.find(&strands, reach);
-                let near = w.near_after.pairs();
-                repel(&strands, near, links, &interaction.repulsion, span.h, &mut w.velocity);
+                repel(&strands, w.near_after.pairs(), links, &interaction.repulsion, span.h, &mut w.velocity);
                 for (v, before) in w.velocity.iter_mut().zip(&w.before) {
                     *v -= before;
                 }
@@ -383,7 +421,7 @@ impl StrandSystem {
     }
 
     /// As [`Self::inverse_masses`] over a step: particles driven in it are moved by nothing else either.
-    fn free_inverse_masses(&self, input: &StepInput, out: &mut Vec<f64>) {
+    pub(super) fn free_inverse_masses(&self, input: &StepInput, out: &mut Vec<f64>) {
         self.inverse_masses(out);
         for drive in input.drives {
             let strand = &mut out[drive.strand as usize * self.n_main..][..self.n_main];
@@ -467,7 +505,7 @@ impl StrandSystem {
     }
 
     /// Adds a change of velocity; perturbed particles get that of the middle of their segment.
-    fn add_velocity(&self, batch: &Batch, change: &[Vector3<f64>], velocity: &mut [crate::lanes::Lane3]) {
+    pub(super) fn add_velocity(&self, batch: &Batch, change: &[Vector3<f64>], velocity: &mut [crate::lanes::Lane3]) {
         let topology = &self.topologies[batch.topology];
         for (lane, &strand) in batch.strands.iter().enumerate() {
             let change = &change[strand as usize * self.n_main..][..self.n_main];

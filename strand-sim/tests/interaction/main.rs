@@ -3,4 +3,5 @@
 mod collide;
 mod repulsion;
 mod scenes;
+mod slices;
 mod stiction;
