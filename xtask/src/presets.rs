@@ -6,7 +6,7 @@ use io_formats::scene::{Scene, TrainSpec};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Preset {
     /// Eight seconds of random head motion in four sequences, hairs rubbing on each other, 25 frames a second; one second of
-    /// validation, two held out.
+    /// validation, one held out.
     Full,
     /// As little as still gives a usable model: two short sequences, no rubbing, at most six eligible guides, nothing held
     /// out. For benchmarks of the runtime.
@@ -24,7 +24,7 @@ impl Preset {
                 fps: 25.0,
                 friction: true,
                 validation_seconds: 1.0,
-                held_out_seconds: 2.0,
+                held_out_seconds: 1.0,
                 ..train.clone()
             },
             Self::Bench => TrainSpec {
