@@ -32,18 +32,20 @@ pub fn draw(title: &str, x: &str, y: &str, curves: &[Curve]) -> Image {
     let [left, right, top, bottom] = FIELD;
     let largest = |c: usize| curves.iter().flat_map(|k| &k.points).fold(0.0_f64, |m, p| m.max(p[c]));
     let (step_x, step_y) = (round_step(largest(0)), round_step(largest(1)));
-    let (most_x, most_y) = ((largest(0) / step_x).ceil() * step_x, (largest(1) / step_y).ceil() * step_y);
+    let most = |c: usize, step: f64| (largest(c) / step).ceil().max(1.0) * step;
+    let (most_x, most_y) = (most(0, step_x), most(1, step_y));
     let place = |p: &[f64; 2]| [left + (right - left) * p[0] / most_x, bottom - (bottom - top) * p[1] / most_y];
     for n in 0..=(most_x / step_x).round() as usize {
         let value = n as f64 * step_x;
         line(&mut image, place(&[value, 0.0]), place(&[value, most_y]), 1, GRID);
         let at = place(&[value, 0.0]);
-        image.draw_text([at[0] as usize - 10, at[1] as usize + 10], DOT, &number(value), INK);
+        image.draw_text([at[0] as usize - 10, at[1] as usize + 10], DOT, &number(value, step_x), INK);
     }
     for n in 0..=(most_y / step_y).round() as usize {
         let value = n as f64 * step_y;
         line(&mut image, place(&[0.0, value]), place(&[most_x, value]), 1, GRID);
-        image.draw_text([20, place(&[0.0, value])[1] as usize - 7], DOT, &number(value), INK);
+        let down = (place(&[0.0, value])[1] as usize).saturating_sub(7);
+        image.draw_text([20, down], DOT, &number(value, step_y), INK);
     }
     image.draw_text([FIELD[0] as usize, 6], DOT, title, INK);
     image.draw_text([20, 28], DOT, y, INK);
@@ -68,8 +70,10 @@ fn round_step(most: f64) -> f64 {
     [1.0, 2.0, 5.0, 10.0].iter().map(|m| m * power).find(|step| *step >= rough).unwrap_or(10.0 * power)
 }
 
-fn number(value: f64) -> String {
-    if value.fract().abs() < 1e-9 { format!("{value:.0}") } else { format!("{value:.1}") }
+/// A multiple of `step`, with as many decimals as tell neighbours apart.
+fn number(value: f64, step: f64) -> String {
+    let decimals = (-step.log10()).ceil().clamp(0.0, 9.0) as usize;
+    format!("{value:.decimals$}")
 }
 
 fn line(image: &mut Image, a: [f64; 2], b: [f64; 2], width: usize, color: [u8; 3]) {

@@ -48,18 +48,16 @@ pub enum Error {
     },
     /// The same stretch of a recording would be trained on and judged by.
     #[error(
-        "{from_s} to {to_s} s of joint {joint} in {path} has two uses; what is judged on must not be trained on",
+        "frames {first} to {last} of {path} have two uses; what is judged on must not be trained on",
         path = path.display()
     )]
     MixedMotion {
         /// The file.
         path: PathBuf,
-        /// The joint.
-        joint: String,
-        /// Begin of what is used twice, s.
-        from_s: f64,
-        /// Its end, s.
-        to_s: f64,
+        /// First frame used twice.
+        first: usize,
+        /// Last one.
+        last: usize,
     },
     /// No mode has this name.
     #[error("there is no mode {name}; the modes are {known}")]

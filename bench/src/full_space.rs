@@ -5,7 +5,7 @@ use crate::world::World;
 use collision::{MovingSolid, Solid, SolidPose};
 use io_formats::groom::UniformGroom;
 use nalgebra::{Isometry3, Point3, Vector3};
-use strand_sim::interaction::LinkSet;
+use strand_sim::interaction::{ContactSampling, LinkSet};
 use strand_sim::{
     InteractionParams, InteractionReport, InteractionWorkspace, Material, StepInput, StepParams, StepReport,
     StepWorkspace, StrandState, StrandSystem,
@@ -39,6 +39,20 @@ pub fn thickness_cm(n_strands: usize) -> f64 {
     const ON_A_HEAD: f64 = 100_000.0;
     const MOST_CM: f64 = 0.05;
     (REAL_CM * (ON_A_HEAD / n_strands.max(1) as f64).sqrt()).min(MOST_CM)
+}
+
+/// Distance between the planes on which so many hairs are looked at for contacts: twice as far in dense hair, which has
+/// twice the contacts a hair, so that about as many of a hair's are treated (some 40).
+fn spacing_cm(n_strands: usize) -> f64 {
+    const STANDARD_FOR: f64 = 40_000.0;
+    ContactSampling::standard().spacing_cm * (n_strands as f64 / STANDARD_FOR).clamp(1.0, 2.0)
+}
+
+/// How hairs of a head of so many rub on each other (AS16 §7.1).
+#[must_use]
+pub fn rubbing_params(n_strands: usize) -> InteractionParams {
+    let sampling = ContactSampling { spacing_cm: spacing_cm(n_strands), ..ContactSampling::standard() };
+    InteractionParams { sampling: Some(sampling), ..InteractionParams::rubbing_sampled(thickness_cm(n_strands)) }
 }
 
 /// Longest time strands are given to come to rest, s.
@@ -106,7 +120,7 @@ impl FullSpace {
     /// The same hairs with friction on each other (AS16 §7.1).
     #[must_use]
     pub fn rubbing(self) -> Self {
-        let params = InteractionParams::rubbing_sampled(thickness_cm(self.system.n_strands()));
+        let params = rubbing_params(self.system.n_strands());
         self.meeting(params)
     }
 

@@ -68,32 +68,30 @@ fn load(recorded: &RecordedSpec, pivot_cm: [f64; 3]) -> Result<TrainingMotion, E
     let length = motion.keys.last().map_or(0.0, |key| key.time_s);
     // A recording samples instants: the last one stands for as long as the time between two.
     let between = motion.keys.get(1).map_or(0.0, |key| key.time_s);
-    if length + between < *seconds {
+    // Frame times are written with few digits: half of one is no difference.
+    if length + 1.5 * between < *seconds {
         return Err(Error::ShortMotion { name, seconds: *seconds, length });
     }
     Ok(TrainingMotion { used_for: *used_for, motion, seconds: *seconds, name })
 }
 
-/// Where a recording is used: file, joint, and the frames.
-fn stretch(recorded: &RecordedSpec) -> Result<Option<(&Path, &str, f64, f64)>, Error> {
-    let MotionSpec::Bvh { path, joint, skip_frames, .. } = &recorded.motion else { return Ok(None) };
-    let frame_time = io_formats::Bvh::read(path)?.frame_time();
-    let begin = *skip_frames as f64 * frame_time;
-    Ok(Some((path, joint, begin, begin + recorded.seconds)))
+/// Where a recording is used: file, and the frames from the first to past the last. Whatever the joint: those of one body
+/// move together.
+fn stretch(recorded: &RecordedSpec) -> Result<Option<(&Path, usize, usize)>, Error> {
+    let MotionSpec::Bvh { path, skip_frames, .. } = &recorded.motion else { return Ok(None) };
+    let frames = recorded.seconds / io_formats::Bvh::read(path)?.frame_time();
+    Ok(Some((path, *skip_frames, skip_frames.saturating_add(frames.round() as usize))))
 }
 
 fn check_uses(all: &[RecordedSpec]) -> Result<(), Error> {
     for (k, a) in all.iter().enumerate() {
         for b in all[..k].iter().filter(|b| b.used_for != a.used_for) {
-            let (Some((path, joint, from, to)), Some((other, other_joint, other_from, other_to))) =
-                (stretch(a)?, stretch(b)?)
-            else {
+            let (Some((path, from, to)), Some((other, other_from, other_to))) = (stretch(a)?, stretch(b)?) else {
                 continue;
             };
-            let same_file = same_bytes(path, other);
-            if same_file && joint == other_joint && from < other_to && other_from < to {
-                let (path, joint) = (path.to_path_buf(), joint.to_owned());
-                return Err(Error::MixedMotion { path, joint, from_s: from.max(other_from), to_s: to.min(other_to) });
+            if from < other_to && other_from < to && same_bytes(path, other) {
+                let (path, first, last) = (path.to_path_buf(), from.max(other_from), to.min(other_to) - 1);
+                return Err(Error::MixedMotion { path, first, last });
             }
         }
     }
@@ -109,7 +107,7 @@ fn same_bytes(a: &Path, b: &Path) -> bool {
 mod tests {
     use super::*;
 
-    const BVH: &str = "HIERARCHY\nROOT Head\n{\n OFFSET 0 0 0\n CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation\n End Site\n {\n  OFFSET 0 1 0\n }\n}\nMOTION\nFrames: 40\nFrame Time: 0.05\n";
+    const BVH: &str = "HIERARCHY\nROOT Head\n{\n OFFSET 0 0 0\n CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation\n End Site\n {\n  OFFSET 0 1 0\n }\n}\nMOTION\nFrames: 40\nFrame Time: 0.0499999\n";
 
     fn with_recording(directory: &Path, train: &str) -> Result<Vec<TrainingMotion>, Error> {
         let mut text = BVH.to_owned();

@@ -319,7 +319,7 @@ pub struct TrainSpec {
     /// epsilon of AS16 Algorithm 2: guides of less weight make a set superfluous; default 0.01.
     pub min_weight: f64,
     /// Whether hairs rub on each other wherever all of them are simulated: in recorded frames and in what runs are compared
-    /// with (AS16 §7.1); default false, since it makes a step several times as dear.
+    /// with (AS16 §7.1); default false, since a step then takes two to four times as long.
     pub friction: bool,
     /// Seconds of one further random sequence that the number of guides is judged on; default 0, none.
     pub validation_seconds: f64,

@@ -320,6 +320,9 @@ impl SkinningModel {
                 }
             }
         }
+        if begin != self.coeffs.len() as u64 {
+            return Err(bad("coeffs", format!("has {} triples, the sets' masks have {begin} bits", self.coeffs.len())));
+        }
         Ok(())
     }
 

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::driver::{Guides, TrainInputs};
 use crate::error::{Error, Result};
+use crate::motion_scales::MotionScales;
 use crate::params::TrainParams;
 use crate::subsets::{FullSetError, StrandSets};
 
@@ -90,9 +91,11 @@ pub(crate) fn assemble(
     params: &TrainParams,
     provenance: u64,
     guides: Guides,
+    pairs: Vec<[u16; 2]>,
+    scales: MotionScales,
     sets: SetArrays,
 ) -> Result<SkinningModel> {
-    let Guides { strands: guide_strands, eligible, pairs, scales } = guides;
+    let Guides { strands: guide_strands, eligible } = guides;
     let groom_in_head =
         guide_strands.iter().flat_map(|&s| inputs.groom.strand(s as usize)).flatten().copied().collect();
     Ok(SkinningModel {

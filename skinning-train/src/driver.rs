@@ -50,17 +50,13 @@ pub struct TrainInputs<'a> {
     pub provenance: u64,
 }
 
-/// The guides of a head and what follows from them before any weight is computed.
+/// The guides of a head and who may follow them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Guides {
     /// Strand of each guide, ascending.
     pub strands: Vec<u32>,
     /// Eligible guides of every strand.
     pub eligible: Eligible,
-    /// Guide pairs eligible together for some strand, sorted.
-    pub pairs: Vec<[u16; 2]>,
-    /// A_ij, B_ij and δ.
-    pub scales: MotionScales,
 }
 
 impl Guides {
@@ -92,6 +88,8 @@ pub struct Trainer<'a> {
     fit: PolyFit,
     cache: Option<&'a StageCache>,
     report: TrainReport,
+    /// Kept stages whose cost is in the report.
+    noted: Vec<u64>,
     progress: &'a mut dyn FnMut(Progress),
 }
 
@@ -124,7 +122,7 @@ impl<'a> Trainer<'a> {
         let fit = check_inputs(frames, &inputs, params)?;
         let report =
             TrainReport { n_strands: frames.n_strands(), n_frames: frames.n_frames(), ..TrainReport::default() };
-        Ok(Self { frames, inputs, params, fit, cache, report, progress })
+        Ok(Self { frames, inputs, params, fit, cache, report, noted: Vec::new(), progress })
     }
 
     fn keys(&self) -> Keys<'a> {
@@ -171,7 +169,7 @@ impl<'a> Trainer<'a> {
         let n_frames = frames.n_frames() as u64;
         let (guides_key, eligible_key) = (self.keys().guides(), self.keys().eligible());
         let signals = if self.is_kept("guides", guides_key) && self.is_kept("eligible", eligible_key) {
-            self.note_kept("reduce", self.keys().reduce())?;
+            self.note_kept("reduce", self.keys().reduce());
             None
         } else {
             Some(self.stage("reduce", self.keys().reduce(), 2 * n_frames, |tick| {
@@ -210,22 +208,28 @@ impl<'a> Trainer<'a> {
             None => Ok(choose_eligible(of_signals("eligible")?, &strands, &limits)),
         })?;
         drop(signals);
-        let pairs = eligible.pairs();
-        let calibration = self.calibration();
-        let scales = self.stage("scales", self.keys().scales(), n_frames, |tick| {
-            calibrate(frames, &strands, &pairs, &calibration, tick)
-        })?;
         let report = &mut self.report;
         report.rank = chosen.rank;
         report.lost_energy = chosen.lost_energy;
         report.sparse_objective = chosen.objective;
         report.n_stopped_codes = chosen.n_stopped;
         report.n_guides = strands.len();
+        Ok(Guides { strands, eligible })
+    }
+
+    /// When guides count as moving alike: the pairs that may meet, and their scales.
+    fn scale(&mut self, guides: &Guides) -> Result<(Vec<[u16; 2]>, MotionScales)> {
+        let pairs = guides.eligible.pairs();
+        let (frames, calibration) = (self.frames, self.calibration());
+        let scales = self.stage("scales", self.keys().scales(), frames.n_frames() as u64, |tick| {
+            calibrate(frames, &guides.strands, &pairs, &calibration, tick)
+        })?;
+        let report = &mut self.report;
         report.n_pairs = pairs.len();
         report.max_distance = scales.max_distance;
         report.connected = scales.connected;
         report.connected_paper = scales.connected_paper;
-        Ok(Guides { strands, eligible, pairs, scales })
+        Ok((pairs, scales))
     }
 
     /// Solves the blocks of strands that begin within `strands` and keeps them in the cache, for another process to
@@ -244,6 +248,7 @@ impl<'a> Trainer<'a> {
     /// When a frame cannot be read or is not finite, a stage cannot be kept, or the model breaks an invariant.
     pub fn finish(mut self) -> Result<(SkinningModel, TrainReport)> {
         let guides = self.choose_guides()?;
+        let (pairs, scales) = self.scale(&guides)?;
         let all = self.blocks_in(&(0..self.frames.n_strands()));
         let mut solved = self.solve_blocks(&guides, all.clone())?;
         let mut sets = SetArrays::new();
@@ -256,14 +261,14 @@ impl<'a> Trainer<'a> {
         }
         self.summarise(&guides, &sets);
         self.compare_blends(&guides, &sets.full)?;
-        let model = assemble(&self.inputs, self.params, self.keys().model(), guides, sets)?;
+        let model = assemble(&self.inputs, self.params, self.keys().model(), guides, pairs, scales, sets)?;
         model.validate()?;
         Ok((model, self.report))
     }
 
     fn kept_block(&mut self, block: usize) -> Result<SetArrays> {
         let key = self.keys().block(block);
-        self.note_kept("weights", key)?;
+        self.note_kept("weights", key);
         let kept = self.cache.map(|cache| cache.load("weights", key)).transpose()?;
         kept.flatten().ok_or(Error::LostStage { stage: "weights" })
     }
@@ -424,6 +429,12 @@ impl<'a> Trainer<'a> {
         Ok(())
     }
 
+    /// What the stages done or taken so far have cost.
+    #[must_use]
+    pub fn costs(&self) -> &[(String, StageCost)] {
+        &self.report.stages
+    }
+
     fn is_kept(&self, stage: &str, key: u64) -> bool {
         self.cache.is_some_and(|cache| cache.path(stage, key).exists())
     }
@@ -442,7 +453,7 @@ impl<'a> Trainer<'a> {
             return Ok(value);
         };
         if let Some(value) = cache.load(stage, key)? {
-            self.note_kept(stage, key)?;
+            self.note_kept(stage, key);
             return Ok(value);
         }
         let lock = cache.lock(stage, key)?;
@@ -457,7 +468,7 @@ impl<'a> Trainer<'a> {
             }
         };
         drop(lock);
-        self.note_kept(stage, key)?;
+        self.note_kept(stage, key);
         Ok(value)
     }
 
@@ -478,13 +489,15 @@ impl<'a> Trainer<'a> {
         Ok((result, cost))
     }
 
-    /// Adds what a stage in the cache once took.
-    fn note_kept(&mut self, stage: &str, key: u64) -> Result<()> {
-        let cost = self.cache.map(|cache| cache.cost(stage, key)).transpose()?;
-        if let Some(cost) = cost.flatten() {
+    /// Adds what a stage in the cache once took, once.
+    fn note_kept(&mut self, stage: &str, key: u64) {
+        if self.noted.contains(&key) {
+            return;
+        }
+        self.noted.push(key);
+        if let Some(cost) = self.cache.and_then(|cache| cache.cost(stage, key)) {
             self.note(stage, cost);
         }
-        Ok(())
     }
 
     /// Adds to what a stage is known to have taken.

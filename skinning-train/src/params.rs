@@ -100,7 +100,7 @@ impl TrainParams {
             });
         }
         in_range("graph.radius_factor", self.graph.radius_factor, f64::MIN_POSITIVE, f64::from(f32::MAX))?;
-        in_range("graph.near_share", self.graph.near_share, 0.0, 1.0)?;
+        in_range("graph.near_share", self.graph.near_share, 0.0, 0.99)?;
         in_range("graph.max_neighbours", self.graph.max_neighbours, 1, usize::MAX)?;
         in_range("max_eligible", self.max_eligible, 1, MAX_ELIGIBLE)?;
         in_range("min_eligible", self.min_eligible, 1, self.max_eligible)?;

@@ -210,3 +210,42 @@ fn hair_that_meets_hair_gives_the_same_bytes_for_any_number_of_threads() {
         assert!(alone == run(2, meeting) && alone == run(8, meeting));
     }
 }
+
+#[test]
+fn a_strand_put_back_from_nonsense_throws_no_other() {
+    /// What one step of contact with a strand may change of another, cm; the one put back goes some centimetres.
+    const PUSHED_CM: f64 = 0.05;
+    const WRONG: usize = 2;
+    let strand = |s: usize| (0..N).map(move |i| Vector3::new(0.04 * s as f64, -0.5 * i as f64, 0.0));
+    let points: Vec<_> = (0..6).flat_map(strand).collect();
+    let system = StrandSystem::new(&points, N, Material::straight()).unwrap();
+    for meeting in [InteractionParams::rubbing_sampled(0.05), InteractionParams::rubbing(0.05)] {
+        // All are blown to one side; in the last step one goes wrong, and is put back to where it hangs at rest.
+        let run = |last: f64| {
+            let mut state = system.rest_state(&Isometry3::identity());
+            let (mut links, mut work) = (LinkSet::default(), InteractionWorkspace::default());
+            let mut put_back = 0;
+            for k in 0..20 {
+                let mut forces = vec![Vector3::new(0.01, 0.0, 0.0); points.len()];
+                if k == 19 {
+                    forces[WRONG * N + N / 2].x = last;
+                }
+                let input = StepInput { forces: &forces, ..StepInput::still(0.01, Isometry3::identity()) };
+                let params = StepParams::standard();
+                let report = system.step_interacting(&mut state, &mut links, &input, &params, &meeting, &mut work);
+                put_back += report.step.quarantined;
+            }
+            (system.positions(&state), put_back)
+        };
+        let ((sound, none), (broken, one)) = (run(0.01), run(f64::NAN));
+        assert_eq!((none, one), (0, 1));
+        let moved = |strand: usize| {
+            let of = strand * N..(strand + 1) * N;
+            sound[of.clone()].iter().zip(&broken[of]).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
+        };
+        assert!(moved(WRONG) > 2.0, "it was to be blown far: {} cm", moved(WRONG));
+        for other in (0..6).filter(|&s| s != WRONG) {
+            assert!(moved(other) < PUSHED_CM, "strand {other} by {} cm, {:?}", moved(other), meeting.sampling);
+        }
+    }
+}

@@ -6,6 +6,7 @@ mod interpolation_check;
 mod mechanics;
 mod ms08_figures;
 mod real_solids;
+mod recorded_motion;
 mod runtime;
 mod settled_hair;
 mod stability;

@@ -15,7 +15,7 @@ use io_formats::groom::UniformGroom;
 use io_formats::scene::{GroomSource, HairStyle, HeadShape, MotionUse, Scene, SolidShape};
 use io_formats::skinning_model::SkinningModel;
 use io_formats::stage_cache::{hash_of, stage_key};
-use io_formats::{BakeCache, StageCache};
+use io_formats::{BakeCache, StageCache, StageCost};
 use serde::{Deserialize, Serialize};
 use skinning_train::{JudgedFit, TrainInputs, TrainParams, TrainReport, Trainer, model_key};
 use std::ops::Range;
@@ -216,29 +216,40 @@ impl<'a> Workshop<'a> {
         self.with_trainer(&self.params(), |mut trainer| trainer.solve_weights(strands))
     }
 
-    /// Errors with fewer guides, judged on the validation motion; empty if there is none.
-    pub fn error_by_guides(&self) -> Result<Vec<JudgedFit>> {
+    /// Errors with fewer guides, judged on the validation motion, and what finding them took beside the training itself;
+    /// empty if there is no such motion.
+    pub fn error_by_guides(&self) -> Result<(Vec<JudgedFit>, StageCost)> {
         let recorder = self.recorder();
-        let Some(judged) = self.frames_for(&recorder.settled()?, MotionUse::Validation)? else { return Ok(Vec::new()) };
+        let mut cost = StageCost::default();
+        let Some(judged) = self.frames_for(&recorder.settled()?, MotionUse::Validation)? else {
+            return Ok((Vec::new(), cost));
+        };
         let keys: Vec<u64> = self.motions_for(MotionUse::Validation).map(|m| recorder.key(m)).collect();
         let params = self.params();
         let mut counts = [8, 4, 2, 1].map(|share| (params.n_guides / share).max(1)).to_vec();
         counts.dedup();
-        counts
-            .into_iter()
-            .map(|n_guides| {
-                let params = TrainParams { n_guides, n_compared: JUDGED_STRANDS, ..params.clone() };
-                self.with_trainer(&params, |mut trainer| trainer.judge(&judged, stage_key("judged", &keys)))
-            })
-            .collect()
+        let mut fits = Vec::new();
+        for n_guides in counts {
+            let fewer = TrainParams { n_guides, n_compared: JUDGED_STRANDS, ..params.clone() };
+            let (fit, costs) = self.with_trainer(&fewer, |mut trainer| {
+                Ok((trainer.judge(&judged, stage_key("judged", &keys))?, trainer.costs().to_vec()))
+            })?;
+            fits.push(fit);
+            let is_own = |stage: &str| stage == "judge" || (n_guides < params.n_guides && stage != "reduce");
+            costs.iter().filter(|(stage, _)| is_own(stage)).for_each(|(_, c)| cost += *c);
+        }
+        Ok((fits, cost))
     }
 
     /// Trains the model, or takes it from the cache.
     pub fn train(self) -> Result<Prepared<'a>> {
         let key = model_key(self.inputs_key(), &self.params());
         let path = self.folder.join(format!("model-{key:016x}.skin"));
+        // One process at a time finishes a model; others wait and find it.
+        let lock = self.cache.lock("model", key)?;
+        // A report that cannot be read is made again, from stages that are there.
         if path.exists()
-            && let Some(report) = self.cache.load("report", key)?
+            && let Ok(Some(report)) = self.cache.load("report", key)
         {
             let model = SkinningModel::load(&path).with_context(|| format!("the cached model {}", path.display()))?;
             return Ok(Prepared {
@@ -254,6 +265,7 @@ impl<'a> Workshop<'a> {
         let (model, report) = self.with_trainer(&self.params(), |trainer| trainer.finish())?;
         model.save(&path)?;
         self.cache.save("report", key, &report)?;
+        drop(lock);
         Ok(Prepared { model, report, trained_now: true, path, cache: self.folder.clone(), key, workshop: self })
     }
 }
@@ -303,6 +315,7 @@ pub fn reference(prepared: &Prepared<'_>, with_full: bool, bars: &Bars) -> Resul
     );
     let path = prepared.cache.join(format!("reference-{key:016x}.json"));
     let frames_path = prepared.cache.join(format!("reference-{key:016x}.frames"));
+    let _lock = prepared.workshop.cache.lock("reference", key)?;
     if path.exists() && (!with_full || frames_path.exists()) {
         let text = std::fs::read_to_string(&path).with_context(|| format!("reading {}", path.display()))?;
         let file: ReferenceFile = serde_json::from_str(&text)

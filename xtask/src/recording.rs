@@ -6,7 +6,7 @@
 
 use crate::progress::Bars;
 use anyhow::Result;
-use hair_bench::full_space::settle;
+use hair_bench::full_space::{rubbing_params, settle};
 use hair_bench::training_motions::TrainingMotion;
 use hair_bench::world::World;
 use io_formats::frames::{FrameInfo, FrameSource, FrameStore, FrameStoreWriter};
@@ -81,7 +81,8 @@ impl Recorder<'_> {
         let poses: Vec<u64> =
             (0..=steps_of(motion)).map(|k| hash_of(&motion.motion.pose_at(k as f64 * TRAIN_STEP_S))).collect();
         let motion_key = stage_key("motion", &poses);
-        stage_key("frames", &[self.rest_key, motion_key, spec.fps.to_bits(), u64::from(spec.friction)])
+        let rubbing = spec.friction.then(|| rubbing_params(self.world.groom.n_strands));
+        stage_key("frames", &[self.rest_key, motion_key, spec.fps.to_bits(), hash_of(&rubbing)])
     }
 
     /// A motion's frames, from the cache, continued, or recorded anew.
@@ -127,35 +128,33 @@ impl Recorder<'_> {
     }
 
     /// What recording a motion's frames took, if it was noted.
-    pub fn cost(&self, motion: &TrainingMotion) -> Result<Option<StageCost>> {
-        Ok(self.cache.cost("frames", self.key(motion))?)
+    pub fn cost(&self, motion: &TrainingMotion) -> Option<StageCost> {
+        self.cache.cost("frames", self.key(motion))
     }
 
     /// What settling took, if it was noted.
-    pub fn rest_cost(&self) -> Result<Option<StageCost>> {
-        Ok(self.cache.cost("rest", self.rest_key)?)
+    pub fn rest_cost(&self) -> Option<StageCost> {
+        self.cache.cost("rest", self.rest_key)
     }
 
     /// What a step took on average over the recorded motions.
-    pub fn seconds_per_step<'m>(
-        &self,
-        motions: impl Iterator<Item = &'m TrainingMotion>,
-    ) -> Result<Option<StepSeconds>> {
+    pub fn seconds_per_step<'m>(&self, motions: impl Iterator<Item = &'m TrainingMotion>) -> Option<StepSeconds> {
         let (mut sum, mut steps) = (StepSeconds::default(), 0);
         for motion in motions {
-            if let Some(cost) = self.cost(motion)? {
+            if let Some(cost) = self.cost(motion) {
                 sum = StepSeconds { wall_s: sum.wall_s + cost.wall_s, cpu_s: sum.cpu_s + cost.cpu_s };
                 steps += steps_of(motion);
             }
         }
         let per_step = |x: f64| x / steps.max(1) as f64;
-        Ok((steps > 0).then(|| StepSeconds { wall_s: per_step(sum.wall_s), cpu_s: per_step(sum.cpu_s) }))
+        (steps > 0).then(|| StepSeconds { wall_s: per_step(sum.wall_s), cpu_s: per_step(sum.cpu_s) })
     }
 
-    /// What a step takes where hairs do not rub on each other: measured once, in the middle of a motion's first second.
+    /// What a step takes where hairs do not rub on each other: measured once, from 0.1 s into a motion on.
     pub fn seconds_per_plain_step(&self, rest: &UniformGroom, motion: &TrainingMotion) -> Result<StepSeconds> {
         let key = self.key(motion);
-        if let Some(known) = self.cache.load("plain-step", key)? {
+        let _lock = self.cache.lock("plain-step", key)?;
+        if let Ok(Some(known)) = self.cache.load("plain-step", key) {
             return Ok(known);
         }
         let bar = self.bars.bar("steps without friction", 2 * TIMED_STEPS as u64);

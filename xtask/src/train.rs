@@ -89,16 +89,22 @@ pub fn run(args: Args) -> Result<()> {
         println!("solved the blocks of strands that begin in {}..{}", strands.start, strands.end.min(n));
         return Ok(());
     }
+    if args.plot.is_some() && workshop.motions_for(MotionUse::Validation).next().is_none() {
+        bail!("--plot draws errors on a validation motion, and the scene has none: set train.validation_seconds");
+    }
     let prepared = workshop.train()?;
     let held_out = held_out_error(&prepared, &bars)?;
-    let by_guides = prepared.workshop.error_by_guides()?;
+    let (by_guides, judging) = prepared.workshop.error_by_guides()?;
     let steps = step_seconds(&prepared)?;
     let load_s = {
         let clock = Instant::now();
         io_formats::SkinningModel::load(&prepared.path)?;
         clock.elapsed().as_secs_f64()
     };
-    let costs = stage_costs(&prepared)?;
+    let mut costs = stage_costs(&prepared);
+    if !by_guides.is_empty() {
+        costs.push(("errors by guides".to_owned(), judging));
+    }
     let model = &prepared.model;
     println!("{}", describe(prepared.world()));
     println!("model {:016x}: {} guides, {} sets kept", model.provenance, model.n_guides(), model.set_mask.len());
@@ -142,9 +148,6 @@ pub fn run(args: Args) -> Result<()> {
         println!("written to {}", path.display());
     }
     if let Some(path) = &args.plot {
-        if by_guides.is_empty() {
-            bail!("--plot draws errors on a validation motion, and the scene has none: set train.validation_seconds");
-        }
         plot(&by_guides).write_png(path)?;
     }
     if let Some(path) = &args.json {
@@ -169,7 +172,7 @@ fn plot(by_guides: &[JudgedFit]) -> Image {
 fn step_seconds(prepared: &Prepared<'_>) -> Result<(Option<StepSeconds>, Option<StepSeconds>)> {
     let workshop = &prepared.workshop;
     let recorder = workshop.recorder();
-    let recorded = recorder.seconds_per_step(workshop.motions_for(MotionUse::Train))?;
+    let recorded = recorder.seconds_per_step(workshop.motions_for(MotionUse::Train));
     let first = workshop.motions_for(MotionUse::Train).next().filter(|_| prepared.world().scene.train.friction);
     let plain = match first {
         Some(motion) => Some(recorder.seconds_per_plain_step(&recorder.settled()?, motion)?),
@@ -179,11 +182,11 @@ fn step_seconds(prepared: &Prepared<'_>) -> Result<(Option<StepSeconds>, Option<
 }
 
 /// What every stage took when it was made.
-fn stage_costs(prepared: &Prepared<'_>) -> Result<Vec<(String, StageCost)>> {
+fn stage_costs(prepared: &Prepared<'_>) -> Vec<(String, StageCost)> {
     let workshop = &prepared.workshop;
     let recorder = workshop.recorder();
     let mut costs = Vec::new();
-    costs.extend(recorder.rest_cost()?.map(|cost| ("settle".to_owned(), cost)));
+    costs.extend(recorder.rest_cost().map(|cost| ("settle".to_owned(), cost)));
     for (name, used_for) in [
         ("frames", MotionUse::Train),
         ("validation frames", MotionUse::Validation),
@@ -191,7 +194,7 @@ fn stage_costs(prepared: &Prepared<'_>) -> Result<Vec<(String, StageCost)>> {
     ] {
         let (mut sum, mut any) = (StageCost::default(), false);
         for motion in workshop.motions_for(used_for) {
-            if let Some(cost) = recorder.cost(motion)? {
+            if let Some(cost) = recorder.cost(motion) {
                 sum += cost;
                 any = true;
             }
@@ -201,7 +204,7 @@ fn stage_costs(prepared: &Prepared<'_>) -> Result<Vec<(String, StageCost)>> {
         }
     }
     costs.extend(prepared.report.stages.iter().cloned());
-    Ok(costs)
+    costs
 }
 
 fn print_costs(costs: &[(String, StageCost)]) {

@@ -4,14 +4,15 @@
 
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
+use std::process::{Command, Stdio};
+use std::time::{Duration, SystemTime};
 
 /// Strands of two blocks, so that their weights can be shared out.
 const STRANDS: usize = 8300;
-/// Longest life of a process that is to be killed; the whole training takes a few times that.
-const LONGEST_LIFE: Duration = Duration::from_millis(2000);
+/// Longest life of a process that is to be killed, after it has finished something; a stage or two fit in.
+const LONGEST_LIFE: Duration = Duration::from_millis(60);
 /// Runs after which a training that gets nowhere has failed.
 const MOST_RUNS: usize = 200;
 
@@ -41,17 +42,20 @@ fn model(folder: &Path) -> Vec<u8> {
     model
 }
 
-/// Waits for a process until its time is up; whether it ended by itself.
-fn ended_within(child: &mut Child, life: Duration) -> bool {
-    let begin = Instant::now();
-    while begin.elapsed() < life {
-        if let Some(status) = child.try_wait().unwrap() {
-            assert!(status.success(), "{status}");
-            return true;
-        }
-        std::thread::sleep(Duration::from_millis(2));
-    }
-    false
+/// Finished files of the cache and when they were made.
+fn files(folder: &Path) -> BTreeMap<PathBuf, SystemTime> {
+    let Ok(entries) = std::fs::read_dir(folder.join("cache")) else { return BTreeMap::new() };
+    let finished = |path: &PathBuf| path.extension().is_some_and(|e| e == "frames" || e == "stage" || e == "skin");
+    let paths = entries.map(|entry| entry.unwrap().path()).filter(finished);
+    paths.filter_map(|path| Some((path.clone(), path.metadata().ok()?.modified().ok()?))).collect()
+}
+
+fn count(folder: &Path, name: &str, extension: &str) -> usize {
+    let is_one = |path: &&PathBuf| {
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        stem.starts_with(name) && !stem.contains("-cost-") && path.extension().is_some_and(|e| e == extension)
+    };
+    files(folder).keys().filter(is_one).count()
 }
 
 #[test]
@@ -62,37 +66,46 @@ fn training_killed_shared_out_or_on_more_threads_ends_with_the_same_bytes() {
     assert!(train(&scene, &whole, &["--jobs", "1"]).status().unwrap().success());
     let expected = model(&whole);
 
-    // Killed at random moments, each time with another number of threads, until it gets through.
+    // Killed at random moments: some while after the next file of the cache appears, with another number of threads each time.
     let killed = folder.path().join("killed");
     let mut rng = Pcg64Mcg::seed_from_u64(3);
     let mut kills = 0;
     loop {
         assert!(kills < MOST_RUNS, "training gets nowhere");
-        // Lives grow slowly: a recording starts again from its beginning, and the slowest machine must get through one.
-        let life = LONGEST_LIFE.mul_f64(rng.random_range(0.02..1.0) * (1.0 + 0.1 * kills as f64));
+        let before = files(&killed);
         let jobs = ["1", "2"][kills % 2];
         let mut child = train(&scene, &killed, &["--jobs", jobs]).spawn().unwrap();
-        if ended_within(&mut child, life) {
+        while child.try_wait().unwrap().is_none() && files(&killed) == before {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        std::thread::sleep(LONGEST_LIFE.mul_f64(rng.random_range(0.0..1.0)));
+        if let Some(status) = child.try_wait().unwrap() {
+            assert!(status.success(), "{status}");
             break;
         }
         // SIGKILL on Unix: the process has no say in it.
         child.kill().unwrap();
         child.wait().unwrap();
         kills += 1;
+        let after = files(&killed);
+        let is_kept = |(path, made): (&PathBuf, &SystemTime)| after.get(path) == Some(made);
+        assert!(before.iter().all(is_kept), "a run made again what was there: {before:?}, {after:?}");
     }
-    assert!(kills >= 3, "{kills} kills: it was hardly interrupted");
+    assert!(kills >= 5, "{kills} kills: it was hardly interrupted");
     assert!(model(&killed) == expected, "{kills} kills changed the model");
 
     // Shared out: sequences to two processes at once, then strands to two more, then put together.
     let shared = folder.path().join("shared");
-    for shares in
-        [[["--sequences", "0..2"], ["--sequences", "2..3"]], [["--strands", "0..4000"], ["--strands", "4000..8300"]]]
-    {
+    let share_out = |shares: [[&str; 2]; 2]| {
         let mut processes = shares.map(|share| train(&scene, &shared, &share).spawn().unwrap());
         for process in &mut processes {
             assert!(process.wait().unwrap().success());
         }
-    }
+    };
+    share_out([["--sequences", "0..2"], ["--sequences", "2..3"]]);
+    assert_eq!((count(&shared, "frames-", "frames"), count(&shared, "reduce-", "stage")), (3, 0));
+    share_out([["--strands", "0..4000"], ["--strands", "4000..8300"]]);
+    assert_eq!((count(&shared, "weights-", "stage"), count(&shared, "model-", "skin")), (2, 0));
     assert!(train(&scene, &shared, &[]).status().unwrap().success());
     assert!(model(&shared) == expected, "shares merge to another model");
 }

@@ -145,6 +145,10 @@ pub(super) fn repel_pair(
     let normal = pair.data.offset / distance;
     let relative = field.difference(&points);
     let speed = relative.dot(&normal);
+    // Of hair that has gone wrong nothing passes to others: it is put back at the end of the step.
+    if !speed.is_finite() {
+        return RepulsionReport::default();
+    }
     let impulse = normal_impulse(speed, params.thickness_cm - distance, inv_mass, params, dt);
     if impulse > 0.0 {
         let sliding = relative - normal * speed;

@@ -25,6 +25,9 @@ const GROUPS: usize = 64;
 /// across one axis at least, by enough for neighbours some degrees apart to be cut across the same one.
 const LEAST_ACROSS: f64 = 0.5;
 
+/// Planes on either side of zero.
+const MOST_PLANES: f64 = 1e6;
+
 /// Most contacts kept for a cut.
 pub const MAX_CONTACTS: usize = 16;
 
@@ -140,7 +143,8 @@ impl SliceSearch {
     }
 }
 
-/// A number from 0 to 1 that differs wherever any hair has moved: planes placed by it need no counter kept beside the state.
+/// A number from 0 to 1 that follows from where some of the hair is, and so differs from step to step: planes placed by it
+/// need no counter kept beside the state.
 fn scatter(position: &[Vector3<f64>]) -> f64 {
     const SAMPLES: usize = 64;
     let stride = position.len().div_ceil(SAMPLES).max(1);
@@ -171,6 +175,10 @@ impl Slicing {
             let slope = [d[u] / d[axis], d[v] / d[axis]];
             let (low, high) = (a[axis].min(b[axis]), a[axis].max(b[axis]));
             let mut plane = ((low - self.offset) / self.spacing).ceil();
+            // Beyond this lies no hair that is still of use, nor would planes be told from each other.
+            if plane.abs() > MOST_PLANES || high - low > MOST_PLANES * self.spacing {
+                return;
+            }
             loop {
                 let at = self.offset + plane * self.spacing;
                 if at >= high {

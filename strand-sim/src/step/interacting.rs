@@ -165,7 +165,7 @@ impl StrandSystem {
             timed(&mut report.collide, || self.look_for_contacts(state, sampling, thickness_cm, input, w));
             timed(&mut report.integrate, || report.step = self.step(state, input, params, &mut workspace.plain));
             timed(&mut report.collide, || {
-                report.repulsion = self.rub_after(state, input, &interaction.repulsion, w);
+                report.repulsion = self.rub_after(state, input, &interaction.repulsion, report.step.quarantined > 0, w);
             });
             return report;
         }
@@ -212,7 +212,7 @@ impl StrandSystem {
             });
         });
         timed(&mut report.collide, || {
-            self.gather(state, &mut w.position, |state, _, p, lane| get(&state.position[p], lane), &w.works);
+            self.gather(&mut w.position, |b, p, lane| get(&state.batches[b].position[p], lane));
             let strands = Strands::new(self.n_main, &w.position, &w.inv_mass);
             report.links.broken = links.release(&strands, &interaction.stiction);
             let thickness_cm = interaction.repulsion.thickness_cm;
@@ -234,7 +234,7 @@ impl StrandSystem {
         // Steps 3, 4 and 6: the velocity that moves positions is made to keep hairs apart, then positions not to cross.
         timed(&mut report.collide, || {
             let two = params.scheme.is_two_solves();
-            self.gather(state, &mut w.next, |_, work, p, lane| get(&work.next[p], lane), &w.works);
+            self.gather(&mut w.next, |b, p, lane| get(&w.works[b].next[p], lane));
             w.velocity.clear();
             w.velocity.extend(w.next.iter().zip(&w.position).map(|(b, a)| (b - a) / span.h));
             w.before.clone_from(&w.velocity);
@@ -282,7 +282,7 @@ impl StrandSystem {
                 });
             });
             timed(&mut report.stick, || {
-                self.gather(state, &mut w.position, |_, work, p, lane| get(&work.start[p], lane), &w.works);
+                self.gather(&mut w.position, |b, p, lane| get(&w.works[b].start[p], lane));
                 let strands = Strands::new(self.n_main, &w.position, &w.inv_mass);
                 links.springs(&strands, &interaction.stiction, &mut w.springs);
                 report.coupled_iterations += self.couple(&interaction.coupled, h, 0.0, w);
@@ -298,7 +298,7 @@ impl StrandSystem {
         });
         if params.scheme.is_two_solves() {
             timed(&mut report.collide, || {
-                self.gather(state, &mut w.velocity, |state, _, p, lane| get(&state.velocity[p], lane), &w.works);
+                self.gather(&mut w.velocity, |b, p, lane| get(&state.batches[b].velocity[p], lane));
                 w.before.clone_from(&w.velocity);
                 let reach = interaction.repulsion.thickness_cm;
                 let strands = Strands::new(self.n_main, &w.next, &w.inv_mass);
@@ -454,21 +454,18 @@ impl StrandSystem {
         states.zip(works.par_iter_mut()).for_each(|((batch, state), work)| run(batch, state, work));
     }
 
-    /// One vector of every particle of the hair's own, strand-major.
-    fn gather(
+    /// One vector of every particle of the hair's own, strand-major, from its batch, place in the rig and lane.
+    pub(super) fn gather(
         &self,
-        state: &StrandState,
         out: &mut Vec<Vector3<f64>>,
-        read: impl Fn(&BatchState, &Work, usize, usize) -> Vector3<f64> + Sync,
-        works: &[Work],
+        read: impl Fn(usize, usize, usize) -> Vector3<f64> + Sync,
     ) {
         out.resize(self.n_strands * self.n_main, Vector3::zeros());
         out.par_chunks_mut(self.n_main).enumerate().for_each(|(strand, out)| {
             let (batch, lane) = self.place[strand];
             let topology = &self.topologies[self.batches[batch as usize].topology];
-            let (state, work) = (&state.batches[batch as usize], &works[batch as usize]);
             for (i, out) in out.iter_mut().enumerate() {
-                *out = read(state, work, topology.rig_of_main(i), lane as usize);
+                *out = read(batch as usize, topology.rig_of_main(i), lane as usize);
             }
         });
     }

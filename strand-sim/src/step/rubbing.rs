@@ -3,7 +3,8 @@
 //! Contacts are sampled (`interaction::slices`) where the last step left the hair; strands take the step on their own; then
 //! what moved them is taken as the velocity that repulsion acts on, and positions and velocities change by as much. Within
 //! the step, where MS08 §4 has repulsion, every strand's matrix would have to be kept until all have met
-//! (docs/DEVIATIONS.md). Invariant: what rubbing changes keeps the momentum of free particles.
+//! (docs/DEVIATIONS.md). Invariant: what rubbing changes keeps the momentum of free
+//! particles of the hair's own; perturbed ones follow.
 
 use super::StepInput;
 use crate::interaction::{Blocks, ContactSampling, RepulsionParams, RepulsionReport, SliceSearch, Strands};
@@ -34,25 +35,29 @@ impl StrandSystem {
         w: &mut RubbingWork,
     ) {
         self.free_inverse_masses(input, &mut w.inv_mass);
-        self.gather_flat(state, &mut w.position, |state, p, lane| get(&state.position[p], lane));
+        self.gather(&mut w.position, |b, p, lane| get(&state.batches[b].position[p], lane));
         let strands = Strands::new(self.n_main, &w.position, &w.inv_mass);
         w.slices.find(&strands, thickness_cm, sampling, &mut w.contacts);
     }
 
     /// Gives hairs in contact the impulses of the step just taken: what moved them is changed, and their velocities by as
-    /// much.
+    /// much. `any_put_back`: whether the step had to put strands back.
     /// Implements AS16 §7.1: friction between hairs, after Bridson 2002.
     pub(super) fn rub_after(
         &self,
         state: &mut StrandState,
         input: &StepInput,
         repulsion: &RepulsionParams,
+        any_put_back: bool,
         w: &mut RubbingWork,
     ) -> RepulsionReport {
         let dt = input.dt;
-        self.gather_flat(state, &mut w.velocity, |state, p, lane| get(&state.position[p], lane));
+        self.gather(&mut w.velocity, |b, p, lane| get(&state.batches[b].position[p], lane));
         let moved = w.velocity.par_iter_mut().zip(&w.position).with_min_len(CHUNK);
         moved.for_each(|(v, before)| *v = (*v - before) / dt);
+        if any_put_back {
+            self.leave_out_those_put_back(state, w);
+        }
         w.before.clone_from(&w.velocity);
         let strands = Strands::new(self.n_main, &w.position, &w.inv_mass);
         let report = w.contacts.repel(&strands, repulsion, dt, &mut w.velocity);
@@ -72,20 +77,15 @@ impl StrandSystem {
         report
     }
 
-    /// One vector of every particle of the hair's own, strand-major.
-    fn gather_flat(
-        &self,
-        state: &StrandState,
-        out: &mut Vec<Vector3<f64>>,
-        read: impl Fn(&crate::system::BatchState, usize, usize) -> Vector3<f64> + Sync,
-    ) {
-        out.resize(self.n_strands * self.n_main, Vector3::zeros());
-        out.par_chunks_mut(self.n_main).enumerate().for_each(|(strand, out)| {
-            let (batch, lane) = self.place[strand];
-            let topology = &self.topologies[self.batches[batch as usize].topology];
-            let state = &state.batches[batch as usize];
-            for (i, out) in out.iter_mut().enumerate() {
-                *out = read(state, topology.rig_of_main(i), lane as usize);
+    /// Strands put back in this step did not move to where they are: they stand still, and nothing moves them.
+    fn leave_out_those_put_back(&self, state: &StrandState, w: &mut RubbingWork) {
+        let strands = w.velocity.par_chunks_mut(self.n_main).zip(w.inv_mass.par_chunks_mut(self.n_main));
+        strands.zip(&self.place).for_each(|((velocity, inv_mass), &(batch, lane))| {
+            // A strand at rest may be taken for one of them, and loses nothing by it.
+            let is_still = |v| get(v, lane as usize) == Vector3::zeros();
+            if state.batches[batch as usize].velocity.iter().all(is_still) {
+                velocity.fill(Vector3::zeros());
+                inv_mass.fill(0.0);
             }
         });
     }
