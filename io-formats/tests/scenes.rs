@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use io_formats::scene::{Attach, GroomSource, HairStyle, HeadShape, MotionSpec, SolidShape};
+use io_formats::scene::{Attach, GroomSource, HairStyle, HeadShape, MotionSpec, MotionUse, SolidShape};
 use io_formats::{Error, LengthUnit, Scene};
 use nalgebra::Point3;
 
@@ -25,7 +25,7 @@ fn documented() -> Vec<String> {
 #[test]
 fn the_documented_examples_are_valid() {
     let examples = documented();
-    assert_eq!(examples.len(), 2);
+    assert_eq!(examples.len(), 3);
     let comb = scene(&examples[0]).unwrap();
     assert_eq!((comb.solids.len(), comb.n_steps(), comb.groom.guides), (2, 400, 100));
     assert!(matches!(comb.solids[0].shape, SolidShape::Comb { teeth: 13, .. }));
@@ -36,6 +36,11 @@ fn the_documented_examples_are_valid() {
     assert_eq!(hand.path, Path::new("/scenes/solids/hand_closed.obj"));
     let MotionSpec::Bvh { path, skip_frames: 1, .. } = &comb.solids[1].motion else { panic!("the hand moves") };
     assert_eq!(path, Path::new("/scenes/motion/wave.bvh"));
+
+    let recorded = scene(&examples[2]).unwrap().train.recorded;
+    assert_eq!((recorded.len(), recorded[0].used_for, recorded[0].seconds), (1, MotionUse::HeldOut, 4.0));
+    let MotionSpec::Bvh { path, skip_frames: 1, .. } = &recorded[0].motion else { panic!("a recording") };
+    assert_eq!(path, Path::new("/scenes/motions/nodding.bvh"));
 
     let tail = scene(&examples[1]).unwrap();
     assert_eq!(

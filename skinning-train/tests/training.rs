@@ -208,7 +208,11 @@ fn shards_of_strands_merge_to_the_same_bytes() {
     let (merged, _) = Trainer::new(&frames, inputs, &params, Some(&cache), &mut heard).unwrap().finish().unwrap();
     assert!(merged == whole, "shards give another model");
     assert!(!solving, "the shards had solved every block");
-    assert_eq!(stage_files(directory.path()).len(), solved + 4, "only scales and the comparison of blends were left to do");
+    assert_eq!(
+        stage_files(directory.path()).len(),
+        solved + 4,
+        "only scales and the comparison of blends were left to do"
+    );
 }
 
 #[test]

@@ -66,16 +66,17 @@ fn training_killed_shared_out_or_on_more_threads_ends_with_the_same_bytes() {
     assert!(train(&scene, &whole, &["--jobs", "1"]).status().unwrap().success());
     let expected = model(&whole);
 
-    // Killed at random moments: some while after the next file of the cache appears, with another number of threads each time.
+    // Killed at random moments: some while after some more files of the cache appear, with another number of threads each time.
     let killed = folder.path().join("killed");
     let mut rng = Pcg64Mcg::seed_from_u64(3);
     let mut kills = 0;
     loop {
         assert!(kills < MOST_RUNS, "training gets nowhere");
         let before = files(&killed);
+        let more = rng.random_range(1..6);
         let jobs = ["1", "2"][kills % 2];
         let mut child = train(&scene, &killed, &["--jobs", jobs]).spawn().unwrap();
-        while child.try_wait().unwrap().is_none() && files(&killed) == before {
+        while child.try_wait().unwrap().is_none() && files(&killed).len() < before.len() + more {
             std::thread::sleep(Duration::from_millis(1));
         }
         std::thread::sleep(LONGEST_LIFE.mul_f64(rng.random_range(0.0..1.0)));
@@ -91,7 +92,7 @@ fn training_killed_shared_out_or_on_more_threads_ends_with_the_same_bytes() {
         let is_kept = |(path, made): (&PathBuf, &SystemTime)| after.get(path) == Some(made);
         assert!(before.iter().all(is_kept), "a run made again what was there: {before:?}, {after:?}");
     }
-    assert!(kills >= 5, "{kills} kills: it was hardly interrupted");
+    assert!(kills >= 3, "{kills} kills: it was hardly interrupted");
     assert!(model(&killed) == expected, "{kills} kills changed the model");
 
     // Shared out: sequences to two processes at once, then strands to two more, then put together.
