@@ -54,11 +54,6 @@ impl<'a> ByteReader<'a> {
         Ok(u32::from_le_bytes([b[0], b[1], b[2], b[3]]))
     }
 
-    pub(crate) fn u64(&mut self, field: &'static str) -> Result<u64> {
-        let b = self.take(1, 8, field)?;
-        Ok(u64::from_le_bytes([b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]]))
-    }
-
     pub(crate) fn f32(&mut self, field: &'static str) -> Result<f32> {
         Ok(f32::from_bits(self.u32(field)?))
     }

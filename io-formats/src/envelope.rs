@@ -8,7 +8,7 @@ use std::fs::File;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
-use xxhash_rust::xxh3::xxh3_64;
+use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
 use crate::bytes::printable_start;
 use crate::error::{Error, Result};
@@ -18,6 +18,9 @@ pub const MAGIC: [u8; 8] = *b"HAIRSKIN";
 
 /// Bytes before the payload.
 pub const HEADER_BYTES: usize = 32;
+
+/// Bytes read and hashed together: a part of the second-level cache.
+const HASHED_AT_ONCE: usize = 256 << 10;
 
 /// What a file holds, as a four-letter tag.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -69,6 +72,17 @@ pub fn write(path: &Path, kind: Kind, version: u32, payload: &[u8]) -> Result<()
 /// # Errors
 /// When the file cannot be read, is none of ours, of another kind or version, cut short or damaged.
 pub fn read(path: &Path, kind: Kind, version: u32) -> Result<Vec<u8>> {
+    let (mut file, promised, checksum) = open(path, kind, version)?;
+    let mut payload = Vec::with_capacity(usize::try_from(promised).unwrap_or(0));
+    file.read_to_end(&mut payload).map_err(Error::io("read", path))?;
+    if payload.len() as u64 != promised || xxh3_64(&payload) != checksum {
+        return Err(Error::Checksum { path: path.to_path_buf(), part: "the payload".into() });
+    }
+    Ok(payload)
+}
+
+/// A file at the start of its payload, the payload's length and its checksum.
+fn open(path: &Path, kind: Kind, version: u32) -> Result<(File, u64, u64)> {
     let mut file = File::open(path).map_err(Error::io("read", path))?;
     let file_bytes = file.metadata().map_err(Error::io("read", path))?.len();
     let mut header = Vec::with_capacity(HEADER_BYTES);
@@ -79,12 +93,82 @@ pub fn read(path: &Path, kind: Kind, version: u32) -> Result<Vec<u8>> {
     if promised != actual {
         return Err(Error::WrongLength { path: path.to_path_buf(), promised, actual });
     }
-    let mut payload = Vec::with_capacity(usize::try_from(actual).unwrap_or(0));
-    file.read_to_end(&mut payload).map_err(Error::io("read", path))?;
-    if payload.len() as u64 != promised || xxh3_64(&payload) != u64_at(&header, 24) {
-        return Err(Error::Checksum { path: path.to_path_buf(), part: "the payload".into() });
+    Ok((file, promised, u64_at(&header, 24)))
+}
+
+/// The payload of a file, read in order into where it stays: nothing is held twice. What was read is to be believed only
+/// once [`PayloadReader::finish`] has found its checksum right.
+pub(crate) struct PayloadReader<'a> {
+    path: &'a Path,
+    file: File,
+    hash: Xxh3,
+    offset: u64,
+    length: u64,
+    checksum: u64,
+}
+
+impl<'a> PayloadReader<'a> {
+    /// Opens a file of `kind` and `version` and checks its header, length included.
+    pub(crate) fn open(path: &'a Path, kind: Kind, version: u32) -> Result<Self> {
+        let (file, length, checksum) = open(path, kind, version)?;
+        Ok(Self { path, file, hash: Xxh3::new(), offset: 0, length, checksum })
     }
-    Ok(payload)
+
+    /// Bytes read so far.
+    pub(crate) fn offset(&self) -> u64 {
+        self.offset
+    }
+
+    /// An [`Error::BadField`] for the field that starts at `offset`.
+    pub(crate) fn bad(&self, field: &'static str, offset: u64, reason: String) -> Error {
+        Error::BadField { path: self.path.to_path_buf(), field, offset, reason }
+    }
+
+    /// Fails unless `count * size` more bytes are there; `count` may come straight from the file.
+    pub(crate) fn expect(&self, count: u64, size: usize, field: &'static str) -> Result<()> {
+        let (needed, available) = (count.saturating_mul(size as u64), self.length - self.offset);
+        if needed > available {
+            let (path, offset) = (self.path.to_path_buf(), self.offset);
+            return Err(Error::Truncated { path, field, offset, needed, available });
+        }
+        Ok(())
+    }
+
+    /// Fills `out` with the next bytes.
+    pub(crate) fn fill(&mut self, out: &mut [u8], field: &'static str) -> Result<()> {
+        self.expect(out.len() as u64, 1, field)?;
+        // Hashed while they are in the cache.
+        for piece in out.chunks_mut(HASHED_AT_ONCE) {
+            self.file.read_exact(piece).map_err(Error::io("read", self.path))?;
+            self.hash.update(piece);
+        }
+        self.offset += out.len() as u64;
+        Ok(())
+    }
+
+    /// The next bytes, as many as a number has.
+    pub(crate) fn number<const N: usize>(&mut self, field: &'static str) -> Result<[u8; N]> {
+        let mut bytes = [0; N];
+        self.fill(&mut bytes, field)?;
+        Ok(bytes)
+    }
+
+    /// Reads to the end and compares the checksum.
+    pub(crate) fn finish(mut self) -> Result<()> {
+        let left = self.length - self.offset;
+        let mut rest = vec![0; HASHED_AT_ONCE.min(usize::try_from(left).unwrap_or(HASHED_AT_ONCE))];
+        while self.offset < self.length {
+            let n = rest.len().min((self.length - self.offset) as usize);
+            self.fill(&mut rest[..n], "the end")?;
+        }
+        if self.hash.digest() != self.checksum {
+            return Err(Error::Checksum { path: self.path.to_path_buf(), part: "the payload".into() });
+        }
+        match left {
+            0 => Ok(()),
+            _ => Err(self.bad("the end", self.length - left, format!("{left} bytes are left over"))),
+        }
+    }
 }
 
 /// Checks magic, kind and version at the start of `header`, which should have `header_bytes` bytes.

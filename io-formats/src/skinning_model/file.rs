@@ -2,15 +2,16 @@
 //!
 //! An array is its number of entries (`u64`), the entries, little-endian, and zeros up to a multiple of eight bytes, so
 //! that every array of the payload begins at one. Where the sets' triples begin follows from their masks and is not in the
-//! file. Reading copies each array once; every count is compared with what is left of the file before anything is allocated.
+//! file. Each array is read into its place and hashed on the way; every count is compared with what is left of the file before
+//! anything is allocated.
 
 use std::path::Path;
 
 use bytemuck::{Pod, cast_slice, cast_slice_mut};
 
-use super::{MaterialRecord, SkinningModel};
-use crate::bytes::ByteReader;
-use crate::error::Result;
+use super::{MaterialRecord, SkinningModel, VERSION};
+use crate::envelope::{Kind, PayloadReader};
+use crate::error::{Error, Result};
 use crate::guide_transform::Blend;
 
 /// Arrays begin at multiples of this.
@@ -22,15 +23,17 @@ fn put<T: Pod>(out: &mut Vec<u8>, values: &[T]) {
     out.resize(out.len().next_multiple_of(ALIGNMENT), 0);
 }
 
-fn get<T: Pod>(reader: &mut ByteReader<'_>, field: &'static str) -> Result<Vec<T>> {
-    let count = reader.u64(field)?;
-    let bytes = reader.take(count, size_of::<T>() as u64, field)?;
+fn get<T: Pod>(reader: &mut PayloadReader<'_>, field: &'static str) -> Result<Vec<T>> {
+    let count = u64::from_le_bytes(reader.number(field)?);
+    reader.expect(count, size_of::<T>(), field)?;
     let mut values = vec![T::zeroed(); count as usize];
-    cast_slice_mut(&mut values).copy_from_slice(bytes);
+    reader.fill(cast_slice_mut(&mut values), field)?;
     let at = reader.offset();
-    let padding = reader.take(at.next_multiple_of(ALIGNMENT as u64) - at, 1, field)?;
+    let mut padding = [0; ALIGNMENT];
+    let padding = &mut padding[..(at.next_multiple_of(ALIGNMENT as u64) - at) as usize];
+    reader.fill(padding, field)?;
     if padding.iter().any(|&b| b != 0) {
-        return Err(reader.bad(field, at, "is followed by bytes that are not zero"));
+        return Err(reader.bad(field, at, "is followed by bytes that are not zero".into()));
     }
     Ok(values)
 }
@@ -80,22 +83,34 @@ pub(super) fn to_bytes(model: &SkinningModel) -> Vec<u8> {
     out
 }
 
-/// A model from the payload of its file; its invariants are still to be checked.
-pub(super) fn from_bytes(path: &Path, bytes: &[u8]) -> Result<SkinningModel> {
-    let r = &mut ByteReader::new(path, bytes);
-    let provenance = r.u64("provenance")?;
-    let (n_strands, n_particles) = (r.u32("n_strands")?, r.u32("n_particles")?);
-    let (velocity_weight, max_distance) = (r.f32("velocity_weight")?, r.f32("max_distance")?);
-    let release_distance = r.f32("release_distance")?;
+/// A model from its file; its invariants are still to be checked.
+pub(super) fn read(path: &Path) -> Result<SkinningModel> {
+    let mut reader = PayloadReader::open(path, Kind::SKINNING_MODEL, VERSION)?;
+    let model = read_payload(&mut reader);
+    match reader.finish() {
+        // Of damaged bytes nothing else is worth saying.
+        Err(damaged @ Error::Checksum { .. }) => Err(damaged),
+        Err(left_over) => model.and(Err(left_over)),
+        Ok(()) => model,
+    }
+}
+
+fn read_payload(r: &mut PayloadReader<'_>) -> Result<SkinningModel> {
+    let provenance = u64::from_le_bytes(r.number("provenance")?);
+    let n_strands = u32::from_le_bytes(r.number("n_strands")?);
+    let n_particles = u32::from_le_bytes(r.number("n_particles")?);
+    let velocity_weight = f32::from_le_bytes(r.number("velocity_weight")?);
+    let max_distance = f32::from_le_bytes(r.number("max_distance")?);
+    let release_distance = f32::from_le_bytes(r.number("release_distance")?);
     let at = r.offset();
-    let blend = match r.u32("blend")? {
+    let blend = match u32::from_le_bytes(r.number("blend")?) {
         0 => Blend::Translation,
         1 => Blend::Rigid,
         other => return Err(r.bad("blend", at, format!("is {other}; 0 is translation, 1 rigid"))),
     };
     let mut constants = [0.0; 9];
     for x in &mut constants {
-        *x = f64::from_bits(r.u64("material")?);
+        *x = f64::from_le_bytes(r.number("material")?);
     }
     let [stretch_dyn, bend, twist, stretch_damping, bend_damping, twist_damping, friction, density, drag] = constants;
     let mut model = SkinningModel {
@@ -133,10 +148,6 @@ pub(super) fn from_bytes(path: &Path, bytes: &[u8]) -> Result<SkinningModel> {
             air_drag_per_s: drag,
         },
     };
-    if r.offset() != bytes.len() as u64 {
-        let left = bytes.len() as u64 - r.offset();
-        return Err(r.bad("the end", r.offset(), format!("{left} bytes are left over")));
-    }
     model.coeff_start = starts_of(&model.set_mask);
     Ok(model)
 }
