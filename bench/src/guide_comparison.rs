@@ -5,14 +5,13 @@
 //! weights as stored and all eligible guides as far as their set is kept. Guides themselves, which have no error, do not
 //! count. Errors are RMS over particles and frames in cm, and over the outer half of strands in shares of their length.
 
-use adaptive_runtime::{Runtime, RuntimeParams, record_of};
+use adaptive_runtime::record_of;
 use collision::{MovingSolid, Solid, SolidPose};
 use io_formats::frames::FrameSource;
 use io_formats::groom::UniformGroom;
 use io_formats::guide_transform::Blend;
 use io_formats::skinning_model::MAX_ELIGIBLE;
 use io_formats::{FrameInfo, MemoryFrames, SkinningModel};
-use nalgebra::Isometry3;
 use rayon::prelude::*;
 use skinning_train::eligible::Eligible;
 use skinning_train::gram::{StrandGram, accumulate};
@@ -26,6 +25,7 @@ use crate::error::Error;
 use crate::full_space::{FullSpace, settle};
 use crate::grooms::{GroomParams, Style, generate};
 use crate::head_motion::{HeadMotionParams, random_head_motion};
+use crate::run::replay;
 use crate::shapes;
 
 /// Step of the simulation, s.
@@ -238,31 +238,21 @@ fn record_sequence(
 /// A model the runtime refuses, a frame that cannot be read.
 pub fn replayed(model: &SkinningModel, frames: &dyn FrameSource) -> Result<ModelError, Error> {
     let (n, n_strands) = (model.n_particles as usize, model.n_strands as usize);
-    let still = Isometry3::identity();
-    let mut runtime = Runtime::new(model.clone(), RuntimeParams::fixed(), still, None, Vec::new(), &[])?;
     let length: Vec<f64> = (0..n_strands)
         .map(|s| model.rest_of(s).windows(2).map(|w| squared_distance(&w[0], &w[1]).sqrt()).sum())
         .collect();
     let normal: Vec<usize> =
         (0..n_strands).filter(|&s| model.guide_strands.binary_search(&(s as u32)).is_err()).collect();
-    let mut frame = vec![[0.0_f32; 3]; n_strands * n];
-    let (mut guides, mut squares, mut shares) = (Vec::new(), 0.0, 0.0);
-    for f in 0..frames.n_frames() {
-        frames.read(f, &mut frame)?;
-        guides.clear();
-        model
-            .guide_strands
-            .iter()
-            .for_each(|&s| guides.extend_from_slice(&frame[s as usize * n..(s as usize + 1) * n]));
-        runtime.replay(&guides, &still);
+    let (mut squares, mut shares) = (0.0, 0.0);
+    replay(model, frames, |skinned, recorded| {
         for &s in &normal {
             for i in 0..n {
-                let squared = squared_distance(&runtime.positions()[s * n + i], &frame[s * n + i]);
+                let squared = squared_distance(&skinned[s * n + i], &recorded[s * n + i]);
                 squares += squared;
                 shares += if i >= n / 2 { squared / (length[s] * length[s]) } else { 0.0 };
             }
         }
-    }
+    })?;
     let strand_frames = (normal.len() * frames.n_frames()).max(1) as f64;
     Ok(ModelError {
         cm: (squares / (strand_frames * n as f64)).sqrt(),

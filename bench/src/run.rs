@@ -293,32 +293,49 @@ pub fn run(
     Ok(out)
 }
 
-/// Error of skinning alone on frames that training has not seen: each hair's best-trained set follows guides replayed from
-/// the full-space run. `progress` hears of each frame.
+/// Lets a model's guides follow recorded frames: each hair's best-trained set skins it, nothing else moves it. `on_frame` gets
+/// the positions skinned and those recorded, both in the head frame.
 ///
 /// # Errors
 /// A model or frame that cannot be used.
+pub fn replay(
+    model: &SkinningModel,
+    frames: &dyn FrameSource,
+    mut on_frame: impl FnMut(&[[f32; 3]], &[[f32; 3]]),
+) -> Result<(), Error> {
+    let (n, n_strands) = (model.n_particles as usize, model.n_strands as usize);
+    let still = Isometry3::identity();
+    let mut skinned = Runtime::new(model.clone(), RuntimeParams::fixed(), still, None, Vec::new(), &[])?;
+    let (mut recorded, mut guides) = (vec![[0.0; 3]; n_strands * n], Vec::new());
+    for frame in 0..frames.n_frames() {
+        frames.read(frame, &mut recorded)?;
+        guides.clear();
+        for &s in &model.guide_strands {
+            guides.extend_from_slice(&recorded[s as usize * n..(s as usize + 1) * n]);
+        }
+        skinned.replay(&guides, &still);
+        on_frame(skinned.positions(), &recorded);
+    }
+    Ok(())
+}
+
+/// Error of skinning alone on frames that training has not seen. `progress` hears of each frame.
+///
+/// # Errors
+/// As [`replay`].
 pub fn replayed_error(
     model: &SkinningModel,
     frames: &dyn FrameSource,
     mut progress: impl FnMut(usize),
 ) -> Result<ErrorPct, Error> {
-    let (n, n_strands) = (model.n_particles as usize, model.n_strands as usize);
-    let rest: Vec<[f32; 3]> = (0..n_strands).flat_map(|s| model.rest_of(s).to_vec()).collect();
-    let still = Isometry3::identity();
-    let mut skinned = Runtime::new(model.clone(), RuntimeParams::fixed(), still, None, Vec::new(), &[])?;
-    let mut errors = ErrorSum::new(&rest, n, &[]);
-    let (mut positions, mut guides) = (vec![[0.0; 3]; n_strands * n], Vec::new());
-    for frame in 0..frames.n_frames() {
-        frames.read(frame, &mut positions)?;
-        guides.clear();
-        for &s in &model.guide_strands {
-            guides.extend_from_slice(&positions[s as usize * n..(s as usize + 1) * n]);
-        }
-        skinned.replay(&guides, &still);
-        errors.add(skinned.positions(), &positions, &still.cast());
-        progress(frame + 1);
-    }
+    let rest: Vec<[f32; 3]> = (0..model.n_strands as usize).flat_map(|s| model.rest_of(s).to_vec()).collect();
+    let mut errors = ErrorSum::new(&rest, model.n_particles as usize, &[]);
+    let mut done = 0;
+    replay(model, frames, |skinned, recorded| {
+        errors.add(skinned, recorded, &Isometry3::identity());
+        done += 1;
+        progress(done);
+    })?;
     Ok(errors.finish())
 }
 

@@ -99,6 +99,24 @@ pub struct MaterialRecord {
     pub air_drag_per_s: f64,
 }
 
+impl MaterialRecord {
+    /// All constants, in the order of the fields.
+    pub(crate) fn constants(&self) -> [f64; 9] {
+        let m = self;
+        [
+            m.stretch_dyn,
+            m.bend,
+            m.twist,
+            m.stretch_damping,
+            m.bend_damping,
+            m.twist_damping,
+            m.friction,
+            m.linear_density_g_per_cm,
+            m.air_drag_per_s,
+        ]
+    }
+}
+
 /// Weight of one guide along a strand: quad u² + lin u + con.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct WeightPoly {
@@ -373,18 +391,7 @@ impl SkinningModel {
             return Err(bad("release_distance", why));
         }
         let m = &self.material;
-        let constants = [
-            m.stretch_dyn,
-            m.bend,
-            m.twist,
-            m.stretch_damping,
-            m.bend_damping,
-            m.twist_damping,
-            m.friction,
-            m.linear_density_g_per_cm,
-            m.air_drag_per_s,
-        ];
-        if constants.iter().any(|x| !x.is_finite() || *x < 0.0) || m.linear_density_g_per_cm <= 0.0 {
+        if m.constants().iter().any(|x| !x.is_finite() || *x < 0.0) || m.linear_density_g_per_cm <= 0.0 {
             return Err(bad("material", format!("{m:?} holds a negative or non-finite constant, or no mass")));
         }
         Ok(())

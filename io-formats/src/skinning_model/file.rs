@@ -40,7 +40,6 @@ fn get<T: Pod>(reader: &mut PayloadReader<'_>, field: &'static str) -> Result<Ve
 
 /// The payload of a model's file.
 pub(super) fn to_bytes(model: &SkinningModel) -> Vec<u8> {
-    let m = &model.material;
     let mut out = Vec::with_capacity(4 * model.rest_in_head.len() + 6 * model.coeffs.len() + (1 << 20));
     out.extend_from_slice(&model.provenance.to_le_bytes());
     for x in [model.n_strands, model.n_particles] {
@@ -54,18 +53,7 @@ pub(super) fn to_bytes(model: &SkinningModel) -> Vec<u8> {
         Blend::Rigid => 1,
     };
     out.extend_from_slice(&blend.to_le_bytes());
-    let constants = [
-        m.stretch_dyn,
-        m.bend,
-        m.twist,
-        m.stretch_damping,
-        m.bend_damping,
-        m.twist_damping,
-        m.friction,
-        m.linear_density_g_per_cm,
-        m.air_drag_per_s,
-    ];
-    out.extend_from_slice(cast_slice(&constants));
+    out.extend_from_slice(cast_slice(&model.material.constants()));
     put(&mut out, &model.groom_in_head);
     put(&mut out, &model.rest_in_head);
     put(&mut out, &model.guide_strands);
