@@ -41,20 +41,33 @@ pub struct TwoWayParams {
     pub max_acceleration: f64,
 }
 
-/// Residual correction of single strands: a linearised strand about the skinned one.
+/// What is done for a strand that its guides lead into a solid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Correction {
+    /// Nothing: it goes through (AS16 to the letter, which trusts to sets and two-way forces).
+    None,
+    /// Its particles are moved out one by one at the end of a step, and the next step knows nothing of it (Chai 2014).
+    Position,
+    /// It is held off by an offset carried from step to step.
+    Carried,
+}
+
+/// Residual correction of single strands.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ResidualParams {
-    /// Whether strands near solids are corrected one by one. Without it the offset only fades out changes of set.
-    pub contact: bool,
-    /// Rate at which an offset that nothing holds returns, 1/s.
+    /// How strands near solids are corrected.
+    pub correction: Correction,
+    /// Rate at which an offset that nothing holds returns, damped critically, 1/s.
     pub return_rate: f64,
-    /// Mass-proportional damping of the offset's velocity, 1/s.
-    pub damping: f64,
+    /// Time over which a strand's inertia resists a push, s: the longer, the farther along the strand a push is felt.
+    pub response_time_s: f64,
     /// Most substeps a step is divided into for a strand near a moving solid.
     pub max_substeps: usize,
     /// Relative motion of strand and solid per substep, as a multiple of the solid's least half-thickness.
     pub motion_per_substep: f64,
-    /// Offsets below this (cm) with velocities below it per 10 ms are dropped.
+    /// Largest speed of an offset, cm/s.
+    pub max_speed: f64,
+    /// Offsets that stay below this are dropped, cm.
     pub rest_cm: f64,
 }
 
@@ -96,11 +109,12 @@ impl RuntimeParams {
                 max_acceleration: 2e3,
             },
             residual: ResidualParams {
-                contact: true,
+                correction: Correction::Carried,
                 return_rate: 5.0,
-                damping: 10.0,
+                response_time_s: 0.03,
                 max_substeps: 8,
-                motion_per_substep: 0.6,
+                motion_per_substep: 2.0,
+                max_speed: 300.0,
                 rest_cm: 1e-4,
             },
             gap_resolution: 0.5,
@@ -120,7 +134,7 @@ impl RuntimeParams {
     pub fn fixed() -> Self {
         let mut params = Self::no_two_way();
         params.assign.adapt = false;
-        params.residual.contact = false;
+        params.residual.correction = Correction::None;
         params
     }
 
@@ -133,7 +147,7 @@ impl RuntimeParams {
         params.assign.growth_tolerance_cm = -1.0;
         params.two_way.idle_row_weight = 1.0;
         params.two_way.memory = 0.0;
-        params.residual.contact = false;
+        params.residual.correction = Correction::None;
         params
     }
 
@@ -151,6 +165,10 @@ impl RuntimeParams {
         }
         for (name, value) in [
             ("residual.motion_per_substep", self.residual.motion_per_substep),
+            ("residual.return_rate", self.residual.return_rate),
+            ("residual.response_time_s", self.residual.response_time_s),
+            ("residual.max_speed", self.residual.max_speed),
+            ("residual.rest_cm", self.residual.rest_cm),
             ("two_way.stiffness_over_inertia", self.two_way.stiffness_over_inertia),
             ("gap_resolution", f64::from(self.gap_resolution)),
             ("two_way.ridge", self.two_way.ridge),

@@ -58,7 +58,7 @@ impl Mode {
             Self::NoTwoWay => Some(RuntimeParams::no_two_way()),
             Self::NoResidual => {
                 let mut params = RuntimeParams::adaptive();
-                params.residual.contact = false;
+                params.residual.correction = adaptive_runtime::Correction::None;
                 Some(params)
             }
             Self::Paper => Some(RuntimeParams::paper()),
@@ -154,6 +154,7 @@ pub fn blind_reach(world: &World, model: &SkinningModel, mut progress: impl FnMu
     for step in 0..world.n_steps() {
         let t = step as f64 * dt;
         runtime.step(&StepInput { dt, world_from_head: world.world_from_head(t + dt), world_from_solids: &[] });
+        runtime.read();
         let solids = world.moving_solids(t, dt);
         reach.push(in_reach(runtime.positions(), &rest, runtime.n_particles(), &solids));
         progress(step + 1);
@@ -225,6 +226,7 @@ pub fn run(
             Hair::Skinned(runtime) => {
                 let report = runtime.step(&StepInput { dt, world_from_head, world_from_solids: &poses });
                 if is_read {
+                    runtime.read();
                     positions.copy_from_slice(runtime.positions());
                 }
                 report
@@ -244,8 +246,11 @@ pub fn run(
         out.set_changes += f64::from(report.set_changes);
         out.connectivity += report.connectivity;
         out.quarantined += u64::from(report.quarantined);
-        match &hair {
+        match &mut hair {
             Hair::Skinned(runtime) => {
+                if !is_read {
+                    runtime.read();
+                }
                 observer.observe(runtime.positions(), &solids, Some(&head));
                 let mean = |strands: &mut dyn Iterator<Item = u32>| {
                     let (mut sum, mut count) = (0.0, 0.0);
