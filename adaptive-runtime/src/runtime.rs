@@ -8,7 +8,7 @@ use crate::guides::{Guides, material_of};
 use crate::hair_contact::HairContact;
 use crate::interpolate::{ActiveSet, padded};
 use crate::params::RuntimeParams;
-use crate::two_way::{ContactRow, TwoWay};
+use crate::two_way::{ContactPoint, TwoWay};
 use collision::Solid;
 use collision::cull::DistanceBound;
 use io_formats::skinning_model::SkinningModel;
@@ -60,8 +60,8 @@ pub struct Runtime {
     pub(crate) offset_velocity: Vec<[f32; 3]>,
     pub(crate) hair_contact: HairContact,
     pub(crate) two_way: TwoWay,
-    pub(crate) contact_rows: Vec<ContactRow>,
-    pub(crate) spare_rows: Vec<ContactRow>,
+    /// Contacts of normal hairs in this step, sorted by strand.
+    pub(crate) contact_points: Vec<ContactPoint>,
     pub(crate) workers: Vec<Worker>,
 }
 
@@ -71,7 +71,8 @@ pub(crate) struct Worker {
     pub scratch: Scratch,
     pub skin: Vec<f32>,
     pub old_skin: Vec<f32>,
-    pub switches: u32,
+    /// Strands that changed set, each with the set it left.
+    pub changes: Vec<(u32, ActiveSet)>,
 }
 
 impl Runtime {
@@ -101,7 +102,7 @@ impl Runtime {
         let guides = Guides::new(&model, &world_from_head, head.as_ref(), &params.guides)?;
         let graph = GuideGraph::new(&model);
         let clusters = Clusters::new(&graph);
-        let strands = (0..n_strands)
+        let strands: Vec<Strand> = (0..n_strands)
             .map(|s| {
                 let set = best_set(&model, s);
                 let active_set = decode(&model, s, set);
@@ -124,7 +125,7 @@ impl Runtime {
             }
             positions.extend(points.iter().map(|&p| to_world(&world_from_head, p)));
         }
-        let two_way = TwoWay::new(model.n_guides(), n);
+        let two_way = TwoWay::of_model(&model, strands.iter().map(|s| &s.active_set), &params.two_way);
         Ok(Self {
             material: material_of(&model.material),
             params,
@@ -146,8 +147,7 @@ impl Runtime {
             positions,
             hair_contact: HairContact::default(),
             two_way,
-            contact_rows: Vec::new(),
-            spare_rows: Vec::new(),
+            contact_points: Vec::new(),
             workers: Vec::new(),
             model,
         })

@@ -7,7 +7,7 @@ use crate::interpolate::interpolate;
 use crate::params::TwoWayParams;
 use crate::runtime::{Runtime, Strand, Worker, to_world};
 use crate::timings::{StageTimings, timed};
-use crate::two_way::ContactRow;
+use crate::two_way::{ContactPoint, Round};
 use collision::cull::DistanceBound;
 use collision::{MovingSolid, SolidPose};
 use io_formats::skinning_model::SkinningModel;
@@ -143,14 +143,17 @@ impl Runtime {
             .zip(self.workers.par_iter_mut())
             .enumerate()
             .for_each(|(chunk, (((strands, positions), offsets), worker))| {
-                worker.switches = 0;
+                worker.changes.clear();
                 for (k, strand) in strands.iter_mut().enumerate() {
                     let of = k * n..(k + 1) * n;
                     pass.strand(chunk * slice + k, strand, &mut positions[of.clone()], &mut offsets[of], worker);
                 }
             });
         let n_used = n_strands.div_ceil(slice);
-        self.workers[..n_used].iter().map(|w| w.switches).sum()
+        for (strand, old) in self.workers[..n_used].iter().flat_map(|w| &w.changes) {
+            self.two_way.set_changed(*strand, old, &self.strands[*strand as usize].active_set);
+        }
+        self.workers[..n_used].iter().map(|w| w.changes.len() as u32).sum()
     }
 
     /// Interpolates every strand from its current set at the guides' current state; no correction.
@@ -168,7 +171,7 @@ impl Runtime {
         }
     }
 
-    /// Residual correction of the marked strands; leaves their contact forces in `contact_rows`.
+    /// Residual correction of the marked strands; leaves their contact forces in `contact_points`.
     fn correct(
         &mut self,
         input: &StepInput,
@@ -177,7 +180,7 @@ impl Runtime {
         report: &mut StepReport,
     ) {
         let n = self.n_particles();
-        self.spare_rows.append(&mut self.contact_rows);
+        self.contact_points.clear();
         // Strands near a solid first: a batch without any of them takes a single substep.
         let strands = &self.strands;
         let listed = |near: bool| {
@@ -209,16 +212,14 @@ impl Runtime {
             }
         });
         if !self.params.residual.contact && self.params.two_way.enabled {
+            let mut forces = vec![Vector3::zeros(); n];
             for (s, _) in self.strands.iter().enumerate().filter(|(_, strand)| strand.near) {
-                let mut row = take_row(&mut self.spare_rows, s as u32, n);
                 let (now, before) = (&self.positions[s * n..(s + 1) * n], &self.previous[s * n..(s + 1) * n]);
                 let stiffness = penalty_stiffness(&self.model, &self.material, &self.params.two_way, s, input.dt);
                 let contact = &self.params.guides.contact;
-                if penalty_forces(now, before, moving, stiffness, input.dt, contact, &mut row.forces) {
+                if penalty_forces(now, before, moving, stiffness, input.dt, contact, &mut forces) {
                     report.strands_in_contact += 1;
-                    self.contact_rows.push(row);
-                } else {
-                    self.spare_rows.push(row);
+                    push_forces(&mut self.contact_points, s as u32, forces.iter().copied());
                 }
             }
         }
@@ -257,12 +258,9 @@ impl Runtime {
                 }
                 if batch.touched[lane] {
                     report.strands_in_contact += 1;
-                    let mut row = take_row(&mut self.spare_rows, s, n);
                     // The penalty that the uncorrected hair would meet, from how far contact holds it off its guides.
-                    for i in 0..n {
-                        row.forces[i] = get(&batch.held[i], lane) * stiffness;
-                    }
-                    self.contact_rows.push(row);
+                    let forces = batch.held[..n].iter().map(|held| get(held, lane) * stiffness);
+                    push_forces(&mut self.contact_points, s, forces);
                 }
             }
         }
@@ -276,7 +274,10 @@ impl Runtime {
         let (model, material) = (&self.model, &self.material);
         let mass = |guide: usize| particle_mass(model, material, model.guide_strands[guide] as usize);
         let strands = &self.strands;
-        self.two_way.update(strands.len(), |s| &strands[s].active_set, &self.contact_rows, mass, &self.params.two_way)
+        let set_of = |s: usize| &strands[s].active_set;
+        // Strands near a solid are corrected before those that only fade: the list is in two runs.
+        self.contact_points.sort_unstable_by_key(|point| (point.strand, point.segment, point.s.to_bits()));
+        self.two_way.update(Round::First, strands.len(), set_of, &self.contact_points, mass, &self.params.two_way)
     }
 }
 
@@ -292,11 +293,16 @@ fn penalty_stiffness(model: &SkinningModel, material: &Material, params: &TwoWay
     params.stiffness_over_inertia * particle_mass(model, material, strand) / (dt * dt)
 }
 
-/// A row from the spare ones, or a new one.
-fn take_row(spare: &mut Vec<ContactRow>, strand: u32, n: usize) -> ContactRow {
-    let mut row = spare.pop().unwrap_or_else(|| ContactRow { strand, forces: vec![Vector3::zeros(); n] });
-    row.strand = strand;
-    row
+/// Forces on a strand's particles as contact points; particles without force are left out, but for one, so that the
+/// strand counts as in contact.
+fn push_forces(points: &mut Vec<ContactPoint>, strand: u32, forces: impl ExactSizeIterator<Item = Vector3<f64>>) {
+    let (first, last) = (points.len(), forces.len() - 1);
+    for (i, force) in forces.enumerate() {
+        if force != Vector3::zeros() || (i == last && points.len() == first) {
+            let (segment, s) = if i == last { (i - 1, 1.0) } else { (i, 0.0) };
+            points.push(ContactPoint { strand, segment: segment as u16, s, force: force.cast::<f32>().into() });
+        }
+    }
 }
 
 fn clear(strand: &mut Strand, offset: &mut [[f32; 3]], velocity: &mut [[f32; 3]]) {
@@ -357,6 +363,7 @@ impl Pass<'_> {
             if let Some(set) = chosen {
                 worker.old_skin.resize(3 * pad, 0.0);
                 interpolate(rest, self.u, &strand.active_set, self.transforms, &mut worker.old_skin);
+                worker.changes.push((s as u32, strand.active_set));
                 strand.set = set;
                 strand.active_set = decode(self.model, s, set);
                 interpolate(rest, self.u, &strand.active_set, self.transforms, &mut worker.skin);
@@ -367,7 +374,6 @@ impl Pass<'_> {
                     }
                 }
                 strand.has_offset = true;
-                worker.switches += 1;
             } else {
                 interpolate(rest, self.u, &strand.active_set, self.transforms, &mut worker.skin);
             }
