@@ -103,7 +103,7 @@ impl RuntimeParams {
             },
             two_way: TwoWayParams {
                 enabled: true,
-                solve: TwoWaySolve::ConjugateGradients { iterations: 8 },
+                solve: TwoWaySolve::ConjugateGradients { iterations: 6 },
                 stiffness_over_inertia: 0.3,
                 idle_row_weight: 0.05,
                 ridge: 1e-3,
@@ -164,6 +164,9 @@ impl RuntimeParams {
         }
         if self.assign.growth_period == 0 {
             return bad("assign.growth_period", 0.0, "at least one");
+        }
+        if self.two_way.solve == (TwoWaySolve::ConjugateGradients { iterations: 0 }) {
+            return bad("two_way.solve.iterations", 0.0, "at least one");
         }
         for (name, value) in [
             ("residual.motion_per_substep", self.residual.motion_per_substep),

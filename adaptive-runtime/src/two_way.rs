@@ -103,7 +103,7 @@ impl TwoWay {
             place: vec![ABSENT; n_guides],
             right: RightSide::new(n_guides, n_particles),
             matrix,
-            conjugate: Conjugate::new(n_particles),
+            conjugate: Conjugate::new(n_guides, if keeps_matrix { pairs.len() } else { 0 }, n_particles),
             least_squares: LeastSquares::new(n_particles),
         }
     }

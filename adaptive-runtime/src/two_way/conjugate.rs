@@ -26,7 +26,7 @@ pub(crate) struct Conjugate {
     groups: Vec<Group>,
 }
 
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Rows {
     start: Vec<u32>,
     column: Vec<u16>,
@@ -51,7 +51,8 @@ struct Group {
 }
 
 impl Conjugate {
-    pub(crate) fn new(n_particles: usize) -> Self {
+    /// Room for all guides and pairs is taken here, so that no solve allocates.
+    pub(crate) fn new(n_guides: usize, n_pairs: usize, n_particles: usize) -> Self {
         let groups = (0..n_particles.div_ceil(WIDTH))
             .map(|g| {
                 let stencil = stencil(n_particles, g * WIDTH);
@@ -61,17 +62,22 @@ impl Conjugate {
                 Group {
                     stencil,
                     knots: first..last + 1,
-                    matrix: Vec::new(),
-                    inverse_diagonal: Vec::new(),
-                    right: Vec::new(),
-                    answer: Vec::new(),
-                    residual: Vec::new(),
-                    direction: Vec::new(),
-                    product: Vec::new(),
+                    matrix: Vec::with_capacity(n_guides + n_pairs),
+                    inverse_diagonal: Vec::with_capacity(n_guides),
+                    right: Vec::with_capacity(n_guides),
+                    answer: Vec::with_capacity(n_guides),
+                    residual: Vec::with_capacity(n_guides),
+                    direction: Vec::with_capacity(n_guides),
+                    product: Vec::with_capacity(n_guides),
                 }
             })
             .collect();
-        Self { rows: Rows::default(), groups }
+        let rows = Rows {
+            start: Vec::with_capacity(n_guides + 1),
+            column: Vec::with_capacity(n_pairs),
+            at_knots: Vec::with_capacity(n_guides + n_pairs),
+        };
+        Self { rows, groups }
     }
 
     /// Solves for the guides in `involved` (ascending; `place` is where each stands in it, or any other value).

@@ -126,26 +126,21 @@ fn add_points(points: &[ContactPoint], set: &ActiveSet, n_particles: usize, forc
                 total[l] += w[l];
             }
         }
-        // As `ActiveSet::weights_at`: clamped weights are normalised, and all alike where none is left.
-        if total[0] <= 0.0 || total[PAIR - 1] <= 0.0 {
-            for l in 0..PAIR {
-                if total[l] <= 0.0 {
-                    total[l] = n as f32;
-                    weights[..n].iter_mut().for_each(|w| w[l] = 1.0);
-                }
-            }
-        }
         let from: &mut [f32] = &mut forces[pair * PAIR..(pair + 1) * PAIR];
+        // As `ActiveSet::weights_at`: clamped weights are normalised, and all alike where none is left. Without a branch,
+        // or lanes would be taken apart.
         let mut scaled = [0.0; PAIR];
+        let mut alike = [0.0_f32; PAIR];
         for l in 0..PAIR {
-            scaled[l] = from[l] / total[l];
+            alike[l] = if total[l] > 0.0 { 0.0 } else { 1.0 };
+            scaled[l] = from[l] / alike[l].mul_add(n as f32, total[l]);
             from[l] = 0.0;
         }
         for (w, &guide) in weights.iter().zip(&set.guides[..n]) {
             let at = usize::from(guide) * stride + pair * PAIR;
             let to: &mut [f32] = &mut sums[at..at + PAIR];
             for l in 0..PAIR {
-                to[l] = w[l].mul_add(scaled[l], to[l]);
+                to[l] = (w[l] + alike[l]).mul_add(scaled[l], to[l]);
             }
         }
     }

@@ -5,7 +5,7 @@ use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 const EXACT: TwoWaySolve = TwoWaySolve::LeastSquares;
-const STEPS: TwoWaySolve = TwoWaySolve::ConjugateGradients { iterations: 8 };
+const STEPS: TwoWaySolve = TwoWaySolve::ConjugateGradients { iterations: 6 };
 /// Enough to be at the answer of the kept matrix.
 const MANY_STEPS: TwoWaySolve = TwoWaySolve::ConjugateGradients { iterations: 60 };
 
