@@ -1,3 +1,5 @@
+//! Laws of the forces on guides: what exact and stepwise solves share, and how near the second is to the first.
+
 use super::*;
 use crate::params::{TwoWayParams, TwoWaySolve};
 use io_formats::skinning_model::{MAX_ELIGIBLE, WeightPoly};
