@@ -27,7 +27,7 @@ pub use clusters::Clusters;
 pub use error::Error;
 pub use graph::GuideGraph;
 pub use guides::{material_of, record_of};
-pub use params::{AssignParams, Correction, ResidualParams, RuntimeParams, TwoWayParams};
+pub use params::{AssignParams, Correction, ResidualParams, RuntimeParams, TwoWayParams, TwoWaySolve};
 pub use runtime::Runtime;
 pub use step::{StepInput, StepReport};
 pub use timings::StageTimings;

@@ -22,11 +22,25 @@ pub struct AssignParams {
     pub avoidance: bool,
 }
 
+/// How the effective forces on guides are found (AS16 Eq. 4).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TwoWaySolve {
+    /// Exactly, from rows built anew at each step: the reference, and much the slower.
+    LeastSquares,
+    /// By a fixed number of conjugate-gradient steps from the last step's answer, on a matrix kept from step to step.
+    ConjugateGradients {
+        /// Steps taken.
+        iterations: u32,
+    },
+}
+
 /// Effective forces of normal hairs on guides (AS16 §5.2).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TwoWayParams {
     /// Whether normal hairs push back on their guides.
     pub enabled: bool,
+    /// How they are found.
+    pub solve: TwoWaySolve,
     /// Penalty stiffness on normal hairs as a multiple of a particle's m/dt². The force acts one step late and explicitly,
     /// so from about one on guides oscillate.
     pub stiffness_over_inertia: f64,
@@ -102,6 +116,7 @@ impl RuntimeParams {
             },
             two_way: TwoWayParams {
                 enabled: true,
+                solve: TwoWaySolve::ConjugateGradients { iterations: 6 },
                 stiffness_over_inertia: 0.3,
                 idle_row_weight: 0.05,
                 ridge: 1e-3,
@@ -145,6 +160,7 @@ impl RuntimeParams {
         let mut params = Self::adaptive();
         params.assign.cost_tolerance_cm = 0.0;
         params.assign.growth_tolerance_cm = -1.0;
+        params.two_way.solve = TwoWaySolve::LeastSquares;
         params.two_way.idle_row_weight = 1.0;
         params.two_way.memory = 0.0;
         params.residual.correction = Correction::None;
@@ -162,6 +178,9 @@ impl RuntimeParams {
         }
         if self.assign.growth_period == 0 {
             return bad("assign.growth_period", 0.0, "at least one");
+        }
+        if self.two_way.solve == (TwoWaySolve::ConjugateGradients { iterations: 0 }) {
+            return bad("two_way.solve.iterations", 0.0, "at least one");
         }
         for (name, value) in [
             ("residual.motion_per_substep", self.residual.motion_per_substep),

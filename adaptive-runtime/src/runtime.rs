@@ -10,7 +10,7 @@ use crate::interpolate::{MAX_PARTICLES, TransformArrays, padded};
 use crate::params::RuntimeParams;
 use crate::response::Response;
 use crate::strands::Strands;
-use crate::two_way::{ContactRow, TwoWay};
+use crate::two_way::{ContactPoint, TwoWay};
 use collision::Solid;
 use io_formats::skinning_model::SkinningModel;
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -45,8 +45,8 @@ pub struct Runtime {
     pub(crate) positions: Vec<[f32; 3]>,
     pub(crate) previous: Vec<[f32; 3]>,
     pub(crate) two_way: TwoWay,
-    pub(crate) contact_rows: Vec<ContactRow>,
-    pub(crate) spare_rows: Vec<ContactRow>,
+    /// Contacts of normal hairs in this step, sorted by strand.
+    pub(crate) contact_points: Vec<ContactPoint>,
     pub(crate) workers: Vec<Worker>,
     pub(crate) skins: [Vec<f32>; 2],
 }
@@ -110,7 +110,7 @@ impl Runtime {
             params.guides.gravity.norm(),
             params.residual.response_time_s,
         );
-        let two_way = TwoWay::new(model.n_guides(), n);
+        let two_way = TwoWay::of_model(&model, strands.active.iter(), &params.two_way);
         Ok(Self {
             material,
             params,
@@ -131,8 +131,7 @@ impl Runtime {
             previous: positions.clone(),
             positions,
             two_way,
-            contact_rows: Vec::new(),
-            spare_rows: Vec::new(),
+            contact_points: Vec::new(),
             workers: Vec::new(),
             skins: [Vec::new(), Vec::new()],
             model,

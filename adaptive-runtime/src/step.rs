@@ -9,7 +9,7 @@ use crate::solid_in_head::SolidInHead;
 use crate::runtime::{Runtime, Worker};
 use crate::strands::GROUP;
 use crate::timings::{StageTimings, timed};
-use crate::two_way::ContactRow;
+use crate::two_way::{ContactPoint, Round};
 use collision::{MovingSolid, SolidPose};
 use io_formats::skinning_model::SkinningModel;
 use nalgebra::{Isometry3, Vector3};
@@ -158,6 +158,7 @@ impl Runtime {
                 self.sets[s] = set;
                 let (rate, least) = (residual.return_rate, residual.rest_cm);
                 let active = decode(&self.model, s, set);
+                self.two_way.set_changed(strand, &self.strands.active[s], &active);
                 self.strands.change_set(s, active, transforms, self.time, rate, least, &mut self.skins);
                 count += 1;
             }
@@ -245,30 +246,24 @@ impl Runtime {
         if !self.params.two_way.enabled {
             return 0;
         }
-        self.spare_rows.append(&mut self.contact_rows);
-        let n = self.strands.n_particles;
+        self.contact_points.clear();
         let (model, material) = (&self.model, &self.material);
         let turn = self.world_from_head.rotation;
-        for worker in &mut self.workers {
-            for hold in worker.holds.drain(..) {
-                let Hold { strand, segment, s, held } = hold;
+        for worker in &self.workers {
+            for hold in &worker.holds {
                 let stiffness = self.params.two_way.stiffness_over_inertia
-                    * particle_mass(model, material, strand as usize)
+                    * particle_mass(model, material, hold.strand as usize)
                     / (dt * dt);
-                let force = turn * (Vector3::from(held).cast::<f64>() * stiffness);
-                if self.contact_rows.last().is_none_or(|row| row.strand != strand) {
-                    self.contact_rows.push(take_row(&mut self.spare_rows, strand, n));
-                }
-                if let Some(row) = self.contact_rows.last_mut() {
-                    row.forces[usize::from(segment)] += force * (1.0 - f64::from(s));
-                    row.forces[usize::from(segment) + 1] += force * f64::from(s);
-                }
+                let force = turn * (Vector3::from(hold.held).cast::<f64>() * stiffness);
+                let &Hold { strand, segment, s, .. } = hold;
+                self.contact_points.push(ContactPoint { strand, segment, s, force: force.cast::<f32>().into() });
             }
         }
-        self.contact_rows.sort_unstable_by_key(|row| row.strand);
+        self.contact_points.sort_unstable_by_key(|point| (point.strand, point.segment, point.s.to_bits()));
         let mass = |guide: usize| particle_mass(model, material, model.guide_strands[guide] as usize);
         let active = &self.strands.active;
-        self.two_way.update(active.len(), |s| &active[s], &self.contact_rows, mass, &self.params.two_way)
+        let set_of = |s: usize| &active[s];
+        self.two_way.update(Round::First, active.len(), set_of, &self.contact_points, mass, &self.params.two_way)
     }
 }
 
@@ -277,12 +272,4 @@ fn particle_mass(model: &SkinningModel, material: &Material, strand: usize) -> f
     let rest = model.rest_of(strand);
     let length: f32 = rest.windows(2).map(|w| (Vector3::from(w[1]) - Vector3::from(w[0])).norm()).sum();
     material.linear_density_g_per_cm * f64::from(length) / (rest.len() - 1) as f64
-}
-
-/// A row from the spare ones, or a new one, without forces.
-fn take_row(spare: &mut Vec<ContactRow>, strand: u32, n: usize) -> ContactRow {
-    let mut row = spare.pop().unwrap_or_else(|| ContactRow { strand, forces: vec![Vector3::zeros(); n] });
-    row.strand = strand;
-    row.forces.fill(Vector3::zeros());
-    row
 }
