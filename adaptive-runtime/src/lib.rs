@@ -10,6 +10,8 @@ mod error;
 mod graph;
 mod guides;
 mod hair_contact;
+#[cfg_attr(not(test), expect(dead_code, reason = "called by the runtime's read once that interpolates all hair"))]
+mod hair_hair;
 mod interpolate;
 mod params;
 mod runtime;
@@ -20,6 +22,7 @@ mod two_way;
 pub use clusters::Clusters;
 pub use error::Error;
 pub use graph::GuideGraph;
+pub use hair_hair::{HairHairParams, HairHairReport};
 pub use guides::{material_of, record_of};
 pub use params::{AssignParams, ResidualParams, RuntimeParams, TwoWayParams};
 pub use runtime::Runtime;
