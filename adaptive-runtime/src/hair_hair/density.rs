@@ -6,6 +6,7 @@
 //! 1 2 1 along each axis; with cells of half the particles' spacing this takes out the layers that even spacing makes.
 
 use super::HairHairParams;
+use super::apply::LANES;
 use super::lattice::{Frame, Lattice};
 use multiversion::multiversion;
 use rayon::prelude::*;
@@ -79,7 +80,7 @@ impl Density {
         let [low, high] = density.rest_bounds;
         let lattice = Lattice::around(low, high, density.cell);
         let inv_cell = 1.0 / density.cell;
-        let cells: Vec<u32> = rest.iter().map(|&p| lattice.cell_of(p, inv_cell).0 as u32).collect();
+        let cells: Vec<u32> = rest.iter().map(|&p| lattice.cells_of(&p.map(|x| [x]), inv_cell)[0]).collect();
         let sum_by_cell = |of: &dyn Fn(usize) -> f32| {
             let mut sum = vec![0.0; lattice.n_cells()];
             cells.iter().for_each(|&c| sum[c as usize] += of(c as usize));
@@ -236,16 +237,28 @@ pub(crate) fn displacement(now: [f32; 3], before: [f32; 3]) -> [f32; 3] {
     if near { d } else { [0.0; 3] }
 }
 
+/// Up to [`LANES`] points by axis; those missing are at the origin.
+#[inline(always)]
+fn by_axis(points: &[[f32; 3]]) -> [[f32; LANES]; 3] {
+    let mut out = [[0.0; LANES]; 3];
+    for (l, p) in points.iter().enumerate() {
+        (out[0][l], out[1][l], out[2][l]) = (p[0], p[1], p[2]);
+    }
+    out
+}
+
 /// Adds each particle's count and what it carries to its cell.
-#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
 fn splat(points: &[[f32; 3]], allowed: &[u16], frame: &Frame, lattice: &Lattice, inv_cell: f32, words: &mut [u64]) {
-    for (&p, &a) in points.iter().zip(allowed) {
-        let (cell, _) = lattice.cell_of(frame.to_head(p), inv_cell);
-        words[cell] += ONE + u64::from(a);
+    for (points, allowed) in points.chunks(LANES).zip(allowed.chunks(LANES)) {
+        let cells = lattice.cells_of(&frame.lanes_to_head(&by_axis(points)), inv_cell);
+        for (&cell, &a) in cells.iter().zip(allowed) {
+            words[cell as usize] += ONE + u64::from(a);
+        }
     }
 }
 
-#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
 fn splat_motion(
     (points, frame): (&[[f32; 3]], &Frame),
     (before, previous_frame): (&[[f32; 3]], &Frame),
@@ -253,13 +266,17 @@ fn splat_motion(
     inv_cell: f32,
     sums: &mut [[i32; 4]],
 ) {
-    for (&p, &q) in points.iter().zip(before) {
-        let now = frame.to_head(p);
-        let d = displacement(now, previous_frame.to_head(q));
-        let sum = &mut sums[lattice.cell_of(now, inv_cell).0];
-        for c in 0..3 {
-            // A cell past 65,535 particles wraps, as every other order of summing would.
-            sum[c] = sum[c].wrapping_add((d[c] * QUANTA_PER_CM) as i32);
+    for (points, before) in points.chunks(LANES).zip(before.chunks(LANES)) {
+        let now = frame.lanes_to_head(&by_axis(points));
+        let then = previous_frame.lanes_to_head(&by_axis(before));
+        let cells = lattice.cells_of(&now, inv_cell);
+        for l in 0..points.len() {
+            let d = displacement([now[0][l], now[1][l], now[2][l]], [then[0][l], then[1][l], then[2][l]]);
+            let sum = &mut sums[cells[l] as usize];
+            for c in 0..3 {
+                // A cell past 65,535 particles wraps, as every other order of summing would.
+                sum[c] = sum[c].wrapping_add((d[c] * QUANTA_PER_CM) as i32);
+            }
         }
     }
 }

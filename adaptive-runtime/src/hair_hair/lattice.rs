@@ -50,17 +50,54 @@ impl Lattice {
         std::array::from_fn(|c| (self.first[c] as f32 + at[c] as f32 + 0.5) * cell)
     }
 
-    /// The cell of a point of the head frame and the point's place in cells from the box's corner; the corner cell, 0, for
-    /// all points outside the box, in its rim or not finite.
+    /// The cells of points of the head frame, given by axis; the corner cell, 0, for all points outside the box, in its rim
+    /// or not finite.
     #[inline(always)]
-    pub(crate) fn cell_of(&self, p: [f32; 3], inv_cell: f32) -> (usize, [f32; 3]) {
-        let place: [f32; 3] = std::array::from_fn(|c| p[c] * inv_cell - self.first[c] as f32);
-        // Truncation is the floor for all that is kept; what is not a number becomes zero, in the rim.
-        let at: [i32; 3] = std::array::from_fn(|c| place[c] as i32);
-        let inside = (0..3).fold(true, |inside, c| inside & (at[c] >= RIM) & (at[c] < self.dims[c] as i32 - RIM));
-        let index = (at[2] as usize).wrapping_mul(self.dims[1]).wrapping_add(at[1] as usize);
-        let index = index.wrapping_mul(self.dims[0]).wrapping_add(at[0] as usize);
-        (if inside { index } else { 0 }, place)
+    pub(crate) fn cells_of<const N: usize>(&self, p: &[[f32; N]; 3], inv_cell: f32) -> [u32; N] {
+        self.indices(&self.places(p, inv_cell, 0.0))
+    }
+
+    /// As [`Lattice::cells_of`] the cells whose centres are next below points in each direction, and how far past those
+    /// centres the points are, in cells.
+    #[inline(always)]
+    pub(crate) fn bases_of<const N: usize>(&self, p: &[[f32; N]; 3], inv_cell: f32) -> ([u32; N], [[f32; N]; 3]) {
+        let places = self.places(p, inv_cell, 0.5);
+        let mut past = [[0.0; N]; 3];
+        for c in 0..3 {
+            for l in 0..N {
+                past[c][l] = places[c][l] - places[c][l] as i32 as f32;
+            }
+        }
+        (self.indices(&places), past)
+    }
+
+    #[inline(always)]
+    fn places<const N: usize>(&self, p: &[[f32; N]; 3], inv_cell: f32, centre: f32) -> [[f32; N]; 3] {
+        let mut places = [[0.0; N]; 3];
+        for c in 0..3 {
+            let first = self.first[c] as f32 + centre;
+            for l in 0..N {
+                places[c][l] = p[c][l] * inv_cell - first;
+            }
+        }
+        places
+    }
+
+    #[inline(always)]
+    fn indices<const N: usize>(&self, places: &[[f32; N]; 3]) -> [u32; N] {
+        let dims = [self.dims[0] as i32, self.dims[1] as i32, self.dims[2] as i32];
+        let [nx, ny, _] = dims;
+        let most = [dims[0] - 1 - RIM, dims[1] - 1 - RIM, dims[2] - 1 - RIM];
+        let mut index = [0; N];
+        for l in 0..N {
+            // Truncation is the floor for all that is kept; what is not a number becomes zero, in the rim.
+            let at = [places[0][l] as i32, places[1][l] as i32, places[2][l] as i32];
+            let low = (at[0] >= RIM) & (at[1] >= RIM) & (at[2] >= RIM);
+            let inside = low & (at[0] <= most[0]) & (at[1] <= most[1]) & (at[2] <= most[2]);
+            let i = at[2].wrapping_mul(ny).wrapping_add(at[1]).wrapping_mul(nx).wrapping_add(at[0]);
+            index[l] = if inside { i as u32 } else { 0 };
+        }
+        index
     }
 }
 
@@ -95,6 +132,22 @@ impl Frame {
             let m = self.columns[c];
             m[0] * d[0] + m[1] * d[1] + m[2] * d[2]
         })
+    }
+
+    /// As [`Frame::to_head`], many points by axis.
+    #[inline(always)]
+    pub(crate) fn lanes_to_head<const N: usize>(&self, p: &[[f32; N]; 3]) -> [[f32; N]; 3] {
+        if self.is_head {
+            return *p;
+        }
+        let (mut out, t) = ([[0.0; N]; 3], self.translation);
+        for c in 0..3 {
+            let m = self.columns[c];
+            for l in 0..N {
+                out[c][l] = m[0] * (p[0][l] - t[0]) + m[1] * (p[1][l] - t[1]) + m[2] * (p[2][l] - t[2]);
+            }
+        }
+        out
     }
 
     /// A direction of the head frame in that of the positions.

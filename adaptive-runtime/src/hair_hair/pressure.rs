@@ -5,6 +5,7 @@
 //! what is beyond. Solved by projected Jacobi sweeps, from a grid of eight times the cell down: every cell reads only the sweep
 //! before, so the result does not depend on threads. Cells whose centre is in the head let nothing through.
 
+use super::HairHairParams;
 use super::lattice::Lattice;
 use collision::Solid;
 use multiversion::multiversion;
@@ -41,6 +42,8 @@ pub(crate) struct Pressure {
     levels: Vec<Level>,
     /// Distance to the head at cell centres, cm.
     head_distance: Vec<f32>,
+    /// Direction away from the head and distance to it, four values a cell.
+    away: Vec<f32>,
 }
 
 impl Pressure {
@@ -51,11 +54,12 @@ impl Pressure {
             lattice: Lattice::default(),
             levels: vec![Level::default(); LEVELS],
             head_distance: Vec::new(),
+            away: Vec::new(),
         }
     }
 
     /// Solves for the pressure of an excess per cell; without `pressed` it is zero.
-    pub(crate) fn solve(&mut self, lattice: &Lattice, excess: &[f32], pressed: bool, sweeps: u32) {
+    pub(crate) fn solve(&mut self, lattice: &Lattice, excess: &[f32], pressed: bool, params: &HairHairParams) {
         self.fit(lattice);
         let h2 = self.cell * self.cell;
         // Below, each level starts from the one above it.
@@ -63,7 +67,7 @@ impl Pressure {
         if !pressed {
             return;
         }
-        self.levels[0].source.iter_mut().zip(excess).for_each(|(s, &e)| *s = e * h2);
+        self.levels[0].source.iter_mut().zip(excess).for_each(|(s, &e)| *s = h2 * e.max(params.gain * e));
         for k in 1..LEVELS {
             let (fine, coarse) = self.levels.split_at_mut(k);
             coarse[0].restrict(&fine[k - 1]);
@@ -74,7 +78,7 @@ impl Pressure {
                 fine[k].prolong(&coarse[0]);
             }
             // The coarsest level has nothing to start from, and costs a 512th of the finest.
-            let sweeps = if k + 1 == LEVELS { 4 * sweeps } else { sweeps };
+            let sweeps = if k + 1 == LEVELS { 4 * params.sweeps } else { params.sweeps };
             for _ in 0..sweeps {
                 self.levels[k].sweep();
             }
@@ -91,18 +95,15 @@ impl Pressure {
         &self.levels[0].open
     }
 
-    /// Distance of a cell's centre to the head (cm), and the direction away from it where there is a head near.
-    #[inline(always)]
-    pub(crate) fn away_from_head(&self, index: usize) -> (f32, [f32; 3]) {
-        let d = &self.head_distance;
-        let (row, plane) = (self.lattice.dims[0], self.lattice.plane());
-        let g = [1, row, plane].map(|stride| d[index + stride] - d[index - stride]);
-        let length = (g[0] * g[0] + g[1] * g[1] + g[2] * g[2]).sqrt();
-        (d[index], if length > 0.0 { g.map(|x| x / length) } else { [0.0; 3] })
+    /// Direction away from the head (three values) and distance to it (cm) by cell; empty without a head.
+    pub(crate) fn head(&self) -> &[f32] {
+        &self.away
     }
 
-    pub(crate) fn has_head(&self) -> bool {
-        self.head.is_some()
+    /// The four values of [`Pressure::head`] for a cell.
+    #[inline(always)]
+    pub(crate) fn head_at(&self, index: usize) -> Option<&[f32]> {
+        self.away.get(4 * index..4 * index + 4)
     }
 
     /// Sizes the buffers for a box and finds which of its cells are open.
@@ -123,6 +124,18 @@ impl Pressure {
                     distance[i] = head.sdf.distance(Vector3::from(centre));
                     open[i] = f32::from(u8::from(distance[i] > 0.0));
                 }
+            });
+            let d = &self.head_distance;
+            let difference = |i: usize, stride: usize| {
+                let (above, below) = ((i + stride).min(d.len() - 1), i.saturating_sub(stride));
+                d[above] - d[below]
+            };
+            self.away.resize(4 * lattice.n_cells(), 0.0);
+            self.away.par_chunks_mut(4).enumerate().with_min_len(row).for_each(|(i, out)| {
+                let g = [1, row, plane].map(|stride| difference(i, stride));
+                let length = (g[0] * g[0] + g[1] * g[1] + g[2] * g[2]).sqrt();
+                let scale = if length > 0.0 { 1.0 / length } else { 0.0 };
+                out.copy_from_slice(&[g[0] * scale, g[1] * scale, g[2] * scale, d[i]]);
             });
         } else {
             self.levels[0].open.fill(1.0);
