@@ -57,7 +57,16 @@ impl HairHairParams {
     /// What the figures in docs/DEVIATIONS.md were measured with, friction left out.
     #[must_use]
     pub fn standard() -> Self {
-        Self { enabled: true, cell_cm: 0.5, slack: 0.05, thin: 0.1, max_shift_cm: 1.0, gain: 2.0, friction: 0.0, sweeps: 12 }
+        Self {
+            enabled: true,
+            cell_cm: 0.5,
+            slack: 0.05,
+            thin: 0.1,
+            max_shift_cm: 1.0,
+            gain: 2.0,
+            friction: 0.0,
+            sweeps: 12,
+        }
     }
 
     /// As [`HairHairParams::standard`], with friction.
@@ -78,7 +87,11 @@ impl HairHairParams {
             ("hair_hair.max_shift_cm", self.max_shift_cm),
         ] {
             if !(value.is_finite() && value > 0.0) {
-                return Err(Error::BadParameter { name, value: value.into(), expected: "finite and greater than zero" });
+                return Err(Error::BadParameter {
+                    name,
+                    value: value.into(),
+                    expected: "finite and greater than zero",
+                });
             }
         }
         for (name, value) in [("hair_hair.thin", self.thin), ("hair_hair.friction", self.friction)] {

@@ -121,6 +121,8 @@ impl Field {
                 }
             }
         });
+        // The corner stands for all that is not in the box.
+        self.flags[0] = 0;
     }
 }
 
@@ -193,7 +195,8 @@ impl StrandMove<'_> {
         if live == [false; LANES] {
             return 0;
         }
-        let limit = std::array::from_fn(|l| if live[l] { self.limits.max_shift.min(clearance(first + l)) } else { 0.0 });
+        let limit =
+            std::array::from_fn(|l| if live[l] { self.limits.max_shift.min(clearance(first + l)) } else { 0.0 });
         let share = keep_lengths(self.n_fixed, &limit, scratch);
         let mut moved = 0;
         for (l, strand) in strands.chunks_exact_mut(self.n_particles).enumerate() {

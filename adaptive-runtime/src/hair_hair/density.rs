@@ -195,16 +195,14 @@ impl Density {
         let n_cells = lattice.n_cells();
         let per_worker = positions.len().div_ceil(self.workers.len()).max(1);
         self.motion.resize_with(self.workers.len(), Vec::new);
-        self.motion
-            .par_iter_mut()
-            .zip(positions.par_chunks(per_worker))
-            .zip(previous.par_chunks(per_worker))
-            .for_each(|((sums, points), before)| {
+        self.motion.par_iter_mut().zip(positions.par_chunks(per_worker)).zip(previous.par_chunks(per_worker)).for_each(
+            |((sums, points), before)| {
                 sums.clear();
                 sums.resize(n_cells, [0; 4]);
                 splat_motion((points, frame), (before, previous_frame), &lattice, inv_cell, sums);
                 sums[0] = [0; 4];
-            });
+            },
+        );
         let used = positions.len().div_ceil(per_worker);
         let (plane, sums) = (lattice.plane(), &self.motion[..used]);
         for c in 0..3 {

@@ -70,7 +70,8 @@ pub(crate) fn correct(
     let carried = sums(hair, &allowed, h);
     let all = || hair.iter().chain(rest).map(|&p| cell_of(p, h));
     let low: Cell = std::array::from_fn(|c| all().map(|p| p[c]).min().unwrap_or(0) - REACH);
-    let dims: [usize; 3] = std::array::from_fn(|c| (all().map(|p| p[c]).max().unwrap_or(0) + REACH - low[c] + 1) as usize);
+    let dims: [usize; 3] =
+        std::array::from_fn(|c| (all().map(|p| p[c]).max().unwrap_or(0) + REACH - low[c] + 1) as usize);
     let index = |x: usize, y: usize, z: usize| (z * dims[1] + y) * dims[0] + x;
     let mut source = vec![0.0; dims[0] * dims[1] * dims[2]];
     for z in 0..dims[2] {
@@ -103,9 +104,8 @@ pub(crate) fn correct(
             let place: [f64; 3] = std::array::from_fn(|c| was[i][c] / h - f64::from(low[c]) - 0.5);
             for k in 0..8 {
                 let near = [k & 1, (k >> 1) & 1, k >> 2];
-                let weight: f64 = (0..3)
-                    .map(|c| if near[c] == 1 { place[c].fract() } else { 1.0 - place[c].fract() })
-                    .product();
+                let weight: f64 =
+                    (0..3).map(|c| if near[c] == 1 { place[c].fract() } else { 1.0 - place[c].fract() }).product();
                 let at: [usize; 3] = std::array::from_fn(|c| place[c] as usize + near[c]);
                 let of_cell = u(at[0], at[1], at[2]);
                 shift[i] = std::array::from_fn(|c| shift[i][c] + weight * of_cell[c]);

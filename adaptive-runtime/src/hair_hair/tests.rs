@@ -161,7 +161,11 @@ fn the_correction_moves_and_turns_with_the_head() {
 fn lengths_are_kept_to_round_off_and_roots_stay() {
     let start = pressed();
     let mut hair = start.clone();
-    let report = hair_hair(HairHairParams { max_shift_cm: 5.0, ..HairHairParams::standard() }).correct(&mut hair, &in_head(), free);
+    let report = hair_hair(HairHairParams { max_shift_cm: 5.0, ..HairHairParams::standard() }).correct(
+        &mut hair,
+        &in_head(),
+        free,
+    );
     assert!(report.moved_strands > 0);
     let stretch = worst_stretch(&start, &hair);
     assert!(stretch < LENGTH_ROUND_OFF, "{stretch}");
@@ -218,7 +222,8 @@ fn the_bytes_do_not_depend_on_the_number_of_threads() {
             let mut hair = start.clone();
             let previous = Some((&before[..], Isometry3::identity()));
             let mut stage = hair_hair(HairHairParams::with_friction());
-            let report = stage.correct(&mut hair, &ReadPoses { world_from_head: Isometry3::identity(), previous }, free);
+            let report =
+                stage.correct(&mut hair, &ReadPoses { world_from_head: Isometry3::identity(), previous }, free);
             (bits(&hair), report)
         })
     };
@@ -249,8 +254,7 @@ fn relative_motion(now: &[[f32; 3]], before: &[[f32; 3]], at: &[[f32; 3]], cell:
         cells.entry(place.map(|x| (x / cell).floor() as i32)).or_default().push(d);
     }
     let of_cell = |motions: &Vec<[f64; 3]>| -> f64 {
-        let mean: [f64; 3] =
-            std::array::from_fn(|c| motions.iter().map(|d| d[c]).sum::<f64>() / motions.len() as f64);
+        let mean: [f64; 3] = std::array::from_fn(|c| motions.iter().map(|d| d[c]).sum::<f64>() / motions.len() as f64);
         motions.iter().map(|d| (0..3).map(|c| (d[c] - mean[c]).powi(2)).sum::<f64>()).sum()
     };
     cells.values().map(of_cell).sum()
@@ -260,10 +264,10 @@ fn relative_motion(now: &[[f32; 3]], before: &[[f32; 3]], at: &[[f32; 3]], cell:
 fn friction_takes_relative_motion_away_and_never_adds_any() {
     let rest = groom();
     let cases: [&dyn Fn(usize) -> f32; 4] = [
-        &|s| 0.1 * noise(s),                                        // every strand by itself
-        &|s| if s < PER_BUNDLE { 0.1 } else { -0.1 },               // bundles against each other, not rubbing
-        &|s| 0.1 * rest[s * N][2],                                  // a shear
-        &|s| if noise(s) > 0.9 { 0.3 } else { 0.0 },                // a few strands drawn through the others
+        &|s| 0.1 * noise(s),                          // every strand by itself
+        &|s| if s < PER_BUNDLE { 0.1 } else { -0.1 }, // bundles against each other, not rubbing
+        &|s| 0.1 * rest[s * N][2],                    // a shear
+        &|s| if noise(s) > 0.9 { 0.3 } else { 0.0 },  // a few strands drawn through the others
     ];
     for (k, angle) in cases.into_iter().enumerate() {
         for friction in [0.3, 1.0] {
@@ -278,7 +282,10 @@ fn friction_takes_relative_motion_away_and_never_adds_any() {
             let is = relative_motion(&hair, &before, &rest, 2.0 * params.cell_cm);
             assert!(is <= was, "case {k}, friction {friction}: {was} became {is}");
             if k != 1 {
-                assert!(is < (1.0 - 0.5 * f64::from(friction)) * was, "case {k}, friction {friction}: {was} became {is}");
+                assert!(
+                    is < (1.0 - 0.5 * f64::from(friction)) * was,
+                    "case {k}, friction {friction}: {was} became {is}"
+                );
             }
         }
     }
