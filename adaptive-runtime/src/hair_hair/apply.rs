@@ -14,8 +14,9 @@ use rayon::prelude::*;
 /// Passes of smoothing by 1 2 1 along the strand.
 const SMOOTHINGS: usize = 2;
 
-/// A displacement below this is none, cm: a tenth of a hair's thickness. Most hair then is not moved at all.
-const LEAST_CM: f32 = 1e-3;
+/// Every displacement is taken shorter by this, cm, about half a hair's thickness: hair that would move less stays as it is,
+/// and costs nothing.
+pub(crate) const LEAST_CM: f32 = 5e-3;
 
 /// See [`Field`].
 const MOVES: u8 = 1;
@@ -53,7 +54,7 @@ impl Field {
         let [nx, ny, nz] = lattice.dims;
         let plane = lattice.plane();
         let (p, open) = (pressure.values(), pressure.open());
-        let scale = -0.5 / params.cell_cm;
+        let slope = -0.5 / params.cell_cm;
         self.shift.par_chunks_mut(4 * plane).enumerate().for_each(|(z, out)| {
             out.fill(0.0);
             if z == 0 || z + 1 == nz {
@@ -67,14 +68,14 @@ impl Field {
                     }
                     // Nothing flows through a face of the head.
                     let mut u = [1, nx, plane]
-                        .map(|s| scale * (open[i + s] * (p[i + s] - p[i]) + open[i - s] * (p[i] - p[i - s])));
+                        .map(|s| slope * (open[i + s] * (p[i + s] - p[i]) + open[i - s] * (p[i] - p[i - s])));
                     let size2 = u[0] * u[0] + u[1] * u[1] + u[2] * u[2];
                     if size2 < LEAST_CM * LEAST_CM {
                         continue;
                     }
-                    if size2 > params.max_shift_cm * params.max_shift_cm {
-                        u = u.map(|x| x * params.max_shift_cm / size2.sqrt());
-                    }
+                    let size = size2.sqrt();
+                    let scale = (size.min(params.max_shift_cm) - LEAST_CM).max(0.0) / size;
+                    u = [u[0] * scale, u[1] * scale, u[2] * scale];
                     if let Some(head) = pressure.head_at(i) {
                         u = keep_off_head(u, head, params.cell_cm);
                     }

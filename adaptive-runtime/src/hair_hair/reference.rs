@@ -1,6 +1,7 @@
 //! The correction written plainly in double precision, to compare with: no lanes, no levels, no packed counts, no head.
 
 use super::HairHairParams;
+use super::apply::LEAST_CM;
 use std::collections::BTreeMap;
 
 type Cell = [i32; 3];
@@ -94,7 +95,8 @@ pub(crate) fn correct(
             d(index(x, y, z + 1), index(x, y, z - 1)),
         ];
         let size = u.iter().map(|x| x * x).sum::<f64>().sqrt();
-        u.map(|x| if size > 0.0 { x * (f64::from(params.max_shift_cm) / size).min(1.0) } else { 0.0 })
+        let shorter = (size.min(f64::from(params.max_shift_cm)) - f64::from(LEAST_CM)).max(0.0);
+        u.map(|x| if size > 0.0 { x * shorter / size } else { 0.0 })
     };
     let mut out = hair.to_vec();
     for strand in out.chunks_exact_mut(n) {
