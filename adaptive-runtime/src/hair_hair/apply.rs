@@ -208,7 +208,7 @@ impl StrandMove<'_> {
                     if scratch.near_head[i] & (1 << l) != 0 {
                         u = self.off_head(u, [scratch.at[i][0][l], scratch.at[i][1][l], scratch.at[i][2][l]]);
                     }
-                    let u = self.frame.from_head(u);
+                    let u = self.frame.out_of_head(u);
                     *p = [p[0] + u[0], p[1] + u[1], p[2] + u[2]];
                 }
                 moved += 1;
@@ -238,7 +238,7 @@ fn gather(case: &StrandMove, strands: &[[f32; 3]], scratch: &mut Scratch) -> [bo
             let p = strands[l * n + i];
             (at[0][l], at[1][l], at[2][l]) = (p[0], p[1], p[2]);
         }
-        at = case.frame.lanes_to_head(&at);
+        at = case.frame.lanes_in_head(&at);
         let mut shift = [[0.0f32; LANES]; 3];
         let mut near_head = 0;
         // Four values a strand, the fourth unused: all four are kept, or they are not worked on together.
@@ -257,7 +257,7 @@ fn gather(case: &StrandMove, strands: &[[f32; 3]], scratch: &mut Scratch) -> [bo
                     && b != 0
                 {
                     let rub = trilinear(&field.rub, lattice, b, past);
-                    let d = displacement([at[0][l], at[1][l], at[2][l]], frame.to_head(before[l * n + i]));
+                    let d = displacement([at[0][l], at[1][l], at[2][l]], frame.in_head_frame(before[l * n + i]));
                     for c in 0..3 {
                         let against = rub[c] - rub[3] * d[c];
                         moves[l][c] += against;

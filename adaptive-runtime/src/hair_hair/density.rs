@@ -114,7 +114,7 @@ impl Density {
     /// moves farther out than every strand looked at, by a centimetre, is not.
     pub(crate) fn count(&mut self, positions: &[[f32; 3]], n_particles: usize, frame: &Frame) -> Lattice {
         let looked_at = positions.chunks_exact(n_particles).step_by(BOX_STRIDE).flat_map(|strand| {
-            [strand[n_particles / 2], strand[n_particles - 1]].into_iter().map(|p| frame.to_head(p))
+            [strand[n_particles / 2], strand[n_particles - 1]].into_iter().map(|p| frame.in_head_frame(p))
         });
         let [mut low, mut high] = bounds(looked_at);
         for c in 0..3 {
@@ -249,7 +249,7 @@ fn by_axis(points: &[[f32; 3]]) -> [[f32; LANES]; 3] {
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
 fn splat(points: &[[f32; 3]], allowed: &[u16], frame: &Frame, lattice: &Lattice, inv_cell: f32, words: &mut [u64]) {
     for (points, allowed) in points.chunks(LANES).zip(allowed.chunks(LANES)) {
-        let cells = lattice.cells_of(&frame.lanes_to_head(&by_axis(points)), inv_cell);
+        let cells = lattice.cells_of(&frame.lanes_in_head(&by_axis(points)), inv_cell);
         for (&cell, &a) in cells.iter().zip(allowed) {
             words[cell as usize] += ONE + u64::from(a);
         }
@@ -265,8 +265,8 @@ fn splat_motion(
     sums: &mut [[i32; 4]],
 ) {
     for (points, before) in points.chunks(LANES).zip(before.chunks(LANES)) {
-        let now = frame.lanes_to_head(&by_axis(points));
-        let then = previous_frame.lanes_to_head(&by_axis(before));
+        let now = frame.lanes_in_head(&by_axis(points));
+        let then = previous_frame.lanes_in_head(&by_axis(before));
         let cells = lattice.cells_of(&now, inv_cell);
         for l in 0..points.len() {
             let d = displacement([now[0][l], now[1][l], now[2][l]], [then[0][l], then[1][l], then[2][l]]);

@@ -122,7 +122,7 @@ impl Frame {
 
     /// A point in the head frame.
     #[inline(always)]
-    pub(crate) fn to_head(&self, p: [f32; 3]) -> [f32; 3] {
+    pub(crate) fn in_head_frame(&self, p: [f32; 3]) -> [f32; 3] {
         if self.is_head {
             return p;
         }
@@ -134,9 +134,9 @@ impl Frame {
         })
     }
 
-    /// As [`Frame::to_head`], many points by axis.
+    /// As [`Frame::in_head_frame`], many points by axis.
     #[inline(always)]
-    pub(crate) fn lanes_to_head<const N: usize>(&self, p: &[[f32; N]; 3]) -> [[f32; N]; 3] {
+    pub(crate) fn lanes_in_head<const N: usize>(&self, p: &[[f32; N]; 3]) -> [[f32; N]; 3] {
         if self.is_head {
             return *p;
         }
@@ -152,7 +152,7 @@ impl Frame {
 
     /// A direction of the head frame in that of the positions.
     #[inline(always)]
-    pub(crate) fn from_head(&self, d: [f32; 3]) -> [f32; 3] {
+    pub(crate) fn out_of_head(&self, d: [f32; 3]) -> [f32; 3] {
         if self.is_head {
             return d;
         }
