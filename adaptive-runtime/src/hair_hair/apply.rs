@@ -222,7 +222,9 @@ impl StrandMove<'_> {
     fn off_head(&self, u: [f32; 3], at: [f32; 3]) -> [f32; 3] {
         let ([base], past) = self.lattice.bases_of(&at.map(|x| [x]), self.limits.inv_cell);
         let head = trilinear(self.head, self.lattice, base as usize, past.map(|x| x[0]));
-        turned_away(u, &head, head[3].max(0.0))
+        // Between centres the distance to a ball of radius r is too large by up to h²/(4 r): room is left for one of 2 cm.
+        let margin = 0.125 / (self.limits.inv_cell * self.limits.inv_cell);
+        turned_away(u, &head, (head[3] - margin).max(0.0))
     }
 }
 

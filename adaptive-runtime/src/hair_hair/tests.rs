@@ -281,7 +281,8 @@ fn friction_takes_relative_motion_away_and_never_adds_any() {
             let was = relative_motion(&rest, &before, &rest, 2.0 * params.cell_cm);
             let is = relative_motion(&hair, &before, &rest, 2.0 * params.cell_cm);
             assert!(is <= was, "case {k}, friction {friction}: {was} became {is}");
-            if k != 1 {
+            // A bundle that turns as one and a shear are even around each hair: no neighbour holds it back.
+            if k == 0 || k == 3 {
                 assert!(
                     is < (1.0 - 0.5 * f64::from(friction)) * was,
                     "case {k}, friction {friction}: {was} became {is}"
@@ -306,8 +307,8 @@ fn hair_that_moves_with_the_head_is_not_rubbed() {
 
 #[test]
 fn hair_is_not_pushed_into_the_head() {
-    // A ball beside the place where the bundles meet, touching the hair. Its distance and direction are interpolated over half
-    // a centimetre, which leaves 0.5²/8 over its radius of 3 cm, at each of the two.
+    // A ball beside the place where the bundles meet, touching the hair. Directions are interpolated over half a centimetre of a
+    // ball of 3 cm and come out too short by a hundredth or two: so much of a way of half a centimetre is left.
     const INTO_CM: f32 = 0.02;
     // Particles are set back singly there.
     const STRETCH: f32 = 0.05;
