@@ -1,6 +1,7 @@
 //! How the runtime chooses sets and corrects contact: named presets, every field public.
 
 use crate::error::Error;
+use crate::hair_hair::HairHairParams;
 use strand_sim::StepParams;
 
 /// Choice of guide sets (AS16 §4.3).
@@ -96,6 +97,8 @@ pub struct RuntimeParams {
     pub two_way: TwoWayParams,
     /// Residual correction.
     pub residual: ResidualParams,
+    /// Hair-hair correction of what is read; off in every preset, since a read then costs several times as much.
+    pub hair_hair: HairHairParams,
     /// Resolution of the interpolation check, as a multiple of a solid's least half-thickness.
     pub gap_resolution: f32,
 }
@@ -132,6 +135,7 @@ impl RuntimeParams {
                 max_speed: 300.0,
                 rest_cm: 1e-4,
             },
+            hair_hair: HairHairParams { enabled: false, ..HairHairParams::standard() },
             gap_resolution: 0.5,
         }
     }
@@ -173,6 +177,7 @@ impl RuntimeParams {
     /// [`Error::BadParameter`] names the first field out of range.
     pub fn validate(&self) -> Result<(), Error> {
         let bad = |name, value, expected| Err(Error::BadParameter { name, value, expected });
+        self.hair_hair.validate()?;
         if self.residual.max_substeps == 0 {
             return bad("residual.max_substeps", 0.0, "at least one");
         }

@@ -1,5 +1,6 @@
 //! Every hair where it is now: skinned, with what it carries (AS16 Eq. 5), in the world frame.
 
+use crate::hair_hair::ReadPoses;
 use crate::interpolate::interpolate_to_points;
 use crate::offset::Return;
 use crate::runtime::Runtime;
@@ -34,5 +35,14 @@ impl Runtime {
                 interpolate_to_points(rest, &strands.u, active, transforms, carried, frame.as_ref(), out);
             }
         });
+        if let Some(hair_hair) = &mut self.hair_hair {
+            let poses = ReadPoses {
+                world_from_head: self.world_from_head,
+                previous: Some((&self.previous, self.world_from_head_read)),
+            };
+            // What is near a solid stays where contact has put it.
+            hair_hair.correct(&mut self.positions, &poses, |strand| strands.clearance(strand));
+        }
+        self.world_from_head_read = self.world_from_head;
     }
 }

@@ -5,8 +5,10 @@ use crate::clusters::Clusters;
 use crate::correct::{Hold, MAX_SOLIDS, Work};
 use crate::error::Error;
 use crate::graph::GuideGraph;
+use crate::hair_hair::HairHair;
 use crate::guides::{Guides, material_of};
 use crate::interpolate::{MAX_PARTICLES, TransformArrays, padded};
+use crate::offset::N_FIXED;
 use crate::params::RuntimeParams;
 use crate::response::Response;
 use crate::strands::Strands;
@@ -47,6 +49,9 @@ pub struct Runtime {
     pub(crate) two_way: TwoWay,
     /// Contacts of normal hairs in this step, sorted by strand.
     pub(crate) contact_points: Vec<ContactPoint>,
+    /// Hair-hair correction of reads, and the head's pose at the last one.
+    pub(crate) hair_hair: Option<HairHair>,
+    pub(crate) world_from_head_read: Isometry3<f64>,
     pub(crate) workers: Vec<Worker>,
     pub(crate) skins: [Vec<f32>; 2],
 }
@@ -110,6 +115,12 @@ impl Runtime {
             params.guides.gravity.norm(),
             params.residual.response_time_s,
         );
+        let hair_hair = if params.hair_hair.enabled {
+            let rest: Vec<[f32; 3]> = (0..n_strands).flat_map(|s| model.rest_of(s).iter().copied()).collect();
+            Some(HairHair::new(&rest, n, N_FIXED, head.as_ref(), params.hair_hair)?)
+        } else {
+            None
+        };
         let two_way = TwoWay::of_model(&model, strands.active.iter(), &params.two_way);
         Ok(Self {
             material,
@@ -132,6 +143,8 @@ impl Runtime {
             positions,
             two_way,
             contact_points: Vec::new(),
+            hair_hair,
+            world_from_head_read: world_from_head,
             workers: Vec::new(),
             skins: [Vec::new(), Vec::new()],
             model,

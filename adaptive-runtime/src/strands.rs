@@ -178,6 +178,13 @@ impl Strands {
         }
     }
 
+    /// How far a strand may move without meeting a solid, cm; zero if it is near one.
+    pub(crate) fn clearance(&self, strand: usize) -> f32 {
+        let at = self.slot_of[strand] as usize;
+        let (slot, group) = (&self.slots[at], &self.groups[at / GROUP]);
+        if slot.n_touches > 0 { 0.0 } else { (slot.awake_at - group.travel).max(0.0) as f32 }
+    }
+
     /// Drops all offsets.
     pub(crate) fn forget_offsets(&mut self) {
         self.slots.iter_mut().for_each(Slot::forget);
