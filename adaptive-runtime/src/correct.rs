@@ -7,7 +7,7 @@
 //! lengths, and what a push adds counts as velocity, so that the offset neither flickers nor snaps. Everything is in the head frame.
 
 use crate::interpolate::MAX_PARTICLES;
-use crate::look::{Look, Sight};
+use crate::look::{Look, Particles, Sight};
 use crate::offset::{N_FIXED, Return, farthest, fastest};
 use crate::params::{Correction, RuntimeParams};
 use crate::response::Response;
@@ -17,19 +17,16 @@ use multiversion::multiversion;
 use nalgebra::Vector3;
 
 /// Gaps up to this are remembered at least, so that a strand closing in stops at the surface and not behind it, cm.
-const LEAST_WATCHED_CM: f32 = 0.3;
+const LEAST_WATCHED_CM: f32 = 0.1;
 
-/// Multiple of a group's travel in one step by which strands are watched: motion grows little from step to step.
+/// Multiple of a group's travel in one step within which strands are watched: motion grows little from step to step.
 const WATCHED_TRAVEL: f32 = 1.5;
 
-/// How far a strand may slip across itself along a solid before it is looked at anew, as a multiple of the solid's least half-thickness.
-const SLIP: f32 = 0.3;
+/// By how much more than the reach segments are marked as near, cm: so long they stay the only ones.
+const MARKED_CM: f32 = 0.5;
 
 /// Gap below which a place bears on the strand, cm.
 const BEARING_CM: f32 = 0.003;
-
-/// Motion of a strand's offset between looks that is not counted, cm: what comes nearer by it is seen by the next plane or look.
-const OWN_MOTION_CM: f32 = 0.1;
 
 /// Squares of the least and largest share of its rest length that a skinned segment may have and keep.
 const LEAST_LENGTH2: f32 = 0.95 * 0.95;
@@ -49,10 +46,13 @@ pub(crate) struct Surroundings<'a> {
     pub dt: f64,
     /// Time at the end of the step, s.
     pub time: f64,
+    /// Number of the step.
+    pub step: u64,
     pub solids: &'a [SolidInHead<'a>],
     pub head: Option<&'a collision::Solid>,
     pub params: &'a RuntimeParams,
-    pub response: &'a Response,
+    /// For each number of substeps.
+    pub responses: &'a [Response],
     pub pad: usize,
     pub n: usize,
 }
@@ -152,16 +152,9 @@ pub(crate) fn correct(
     if residual.correction != Correction::Carried {
         return correct_at_end(around, slot, fade, carried, travel, reach, work, holds);
     }
-    if slot.n_touches == 0 {
-        // Nothing can be met before this: a look at the end of the step tells.
-        look(around, slot, 1.0, travel, reach, work);
-        if slot.n_touches == 0 {
-            let (size, speed) = (largest(&work.offset, pad), largest(&work.velocity, pad));
-            let gap = slot.look_at - travel.total;
-            slot.sleep(gap, travel.total, around.time, farthest(size, speed, rate), fastest(size, speed, rate));
-            return Outcome::Away;
-        }
-        slot.look_at = f64::NEG_INFINITY;
+    // Planes older than a step say nothing of what has slipped past them since; a strand sleeps only where it can meet nothing for longer.
+    if slot.looked.wrapping_add(1) != around.step {
+        slot.n_touches = 0;
     }
     let thinnest = around.solids.iter().map(|s| s.solid.half_thickness_cm).fold(f32::INFINITY, f32::min);
     let wanted = (travel.last / (residual.motion_per_substep as f32 * thinnest)).ceil();
@@ -172,7 +165,8 @@ pub(crate) fn correct(
     }
     let h = around.dt / substeps as f64;
     let back = Return::over(h, rate);
-    let mut pushed = false;
+    let response = &around.responses[substeps - 1];
+    let (mut pushed, mut clear) = (false, f32::INFINITY);
     for k in 1..=substeps {
         let alpha = k as f32 / substeps as f32;
         if k == substeps {
@@ -180,20 +174,21 @@ pub(crate) fn correct(
         } else {
             between(&work.old_skin, &work.skin, alpha, &mut work.now);
         }
-        place(&work.now, &work.offset, &work.velocity, back, &mut work.x);
+        if slot.n_touches > 0 {
+            response.advance(&work.now, &work.offset, &work.velocity, &mut work.x);
+        } else {
+            place(&work.now, &work.offset, &work.velocity, back, &mut work.x);
+        }
         // Over parts of a step what slides is not known well enough to be slowed.
         let friction = (substeps == 1).then_some(&skin_at_start as &dyn Fn(&mut [f32]));
-        let (held, slipped) = hold_at_planes(around, slot, alpha, travel, friction, work);
+        let held = hold_at_planes(around, response, slot, alpha, friction, work);
         if held {
             keep_lengths(&work.now, rest, &mut work.x, pad, n);
         }
-        pushed |= held;
-        if slipped || travel.total >= slot.look_at || k < substeps {
-            look(around, slot, alpha, travel, reach, work);
-            pushed |= move_out(around, slot, alpha, (travel.last, h as f32), work);
-        }
+        clear = look(around, slot, alpha, travel, reach, work);
+        pushed |= held | move_out(around, response, slot, alpha, (travel.last, h as f32), work);
         if k == substeps && pushed {
-            keep_out_of_head(around, work);
+            keep_out_of_head(around, response, work);
         }
         settle(&work.x, &work.now, 1.0 / h as f32, residual.max_speed as f32, &mut work.offset, &mut work.velocity, pad);
     }
@@ -211,17 +206,15 @@ pub(crate) fn correct(
             return Outcome::Lost;
         }
     }
-    let mut least = f32::INFINITY;
-    let mut bears = false;
-    let closed = (travel.total - slot.looked_at) as f32 + OWN_MOTION_CM;
-    for touch in &slot.touches[..usize::from(slot.n_touches)] {
-        if !pushed && touch.gap > closed {
-            least = least.min(touch.gap - closed);
-            continue;
-        }
+    slot.looked = around.step;
+    let (mut least, mut bears) = (clear, false);
+    for touch in &mut slot.touches[..usize::from(slot.n_touches)] {
         let solid = &around.solids[usize::from(touch.solid)];
         let (j, s) = (usize::from(touch.segment), touch.s);
-        let gap = plane_gap(touch, solid.at_end.point(point_at(&work.x, pad, j, s)));
+        // Where pushes have brought it since it was looked at.
+        let point = solid.at_end.point(point_at(&work.x, pad, j, s));
+        let gap = plane_gap(touch, point);
+        (touch.gap, touch.point) = (gap, point);
         least = least.min(gap);
         if gap < BEARING_CM {
             let normal = solid.at_end.vector_back(touch.normal);
@@ -233,9 +226,13 @@ pub(crate) fn correct(
         }
     }
     let (size, speed) = (largest(&work.offset, pad), largest(&work.velocity, pad));
-    let gap = f64::from(least).min(slot.look_at - travel.total).max(0.0);
+    let gap = f64::from(least - WATCHED_TRAVEL * travel.last).max(0.0);
     slot.sleep(gap, travel.total, around.time, farthest(size, speed, rate), fastest(size, speed, rate));
-    if bears { Outcome::Pushed } else { Outcome::Near }
+    match (bears, slot.n_touches) {
+        (true, _) => Outcome::Pushed,
+        (false, 0) => Outcome::Away,
+        (false, _) => Outcome::Near,
+    }
 }
 
 /// What is compared with: nothing but the force that AS16 §5.1 puts on a strand in a solid, or its particles moved out
@@ -251,12 +248,12 @@ fn correct_at_end(
     holds: &mut Vec<Hold>,
 ) -> Outcome {
     let pad = around.pad;
-    look(around, slot, 1.0, travel, reach, work);
-    (slot.awake_at, slot.awake_from) = (slot.look_at, f64::INFINITY);
+    let clear = look(around, slot, 1.0, travel, reach, work);
+    (slot.awake_at, slot.awake_from) = (travel.total, f64::INFINITY);
     if slot.n_touches == 0 {
+        slot.awake_at += f64::from(clear);
         return Outcome::Away;
     }
-    slot.awake_at = f64::NEG_INFINITY;
     let gap_kept = around.params.guides.contact.offset_cm as f32;
     let mut inside = false;
     for touch in &slot.touches[..usize::from(slot.n_touches)] {
@@ -380,26 +377,20 @@ fn pass(touch: &mut Touch, frame: &Frame, x: &[f32], pad: usize, n: usize) -> [f
     frame.point(point_at(x, pad, usize::from(touch.segment), touch.s))
 }
 
-/// Keeps the strand on its side of the plane of every touch, where it passes; returns whether it had to, and whether it has slipped so far
-/// that the planes may no longer be the right ones.
+/// Keeps the strand on its side of the plane of every touch, where it passes; returns whether it had to.
 fn hold_at_planes(
     around: &Surroundings,
+    response: &Response,
     slot: &mut Slot,
     alpha: f32,
-    travel: Travel,
     friction: Option<&dyn Fn(&mut [f32])>,
     work: &mut Work,
-) -> (bool, bool) {
+) -> bool {
     let (pad, n) = (around.pad, around.n);
-    let (mut pushed, mut slipped, mut start_known) = (false, false, false);
-    // By how much gaps can have closed but for the offset's own motion.
-    let closed = (travel.total - slot.looked_at) as f32 + OWN_MOTION_CM;
+    let (mut pushed, mut start_known) = (false, false);
     for sweep in 0..SWEEPS {
         let mut again = false;
         for touch in &mut slot.touches[..usize::from(slot.n_touches)] {
-            if touch.gap > closed && sweep == 0 {
-                continue;
-            }
             let solid = &around.solids[usize::from(touch.solid)];
             let turned;
             let frame = if alpha >= 1.0 {
@@ -409,16 +400,10 @@ fn hold_at_planes(
                 &turned
             };
             let y = pass(touch, frame, &work.x, pad, n);
-            let way = less(y, touch.point);
-            let along = dot(way, touch.normal);
-            let gap = touch.gap + along;
+            let gap = plane_gap(touch, y);
             if gap >= 0.0 {
                 continue;
             }
-            // The plane errs on the side of what bulges, so it matters only where it holds.
-            let across = less(way, scaled(touch.normal, along));
-            let slip = SLIP * solid.solid.half_thickness_cm;
-            slipped |= dot(across, across) > slip * slip;
             let at = (usize::from(touch.segment), touch.s);
             let mut by = frame.vector_back(scaled(touch.normal, -gap));
             if let Some(skin_at_start) = friction.filter(|_| sweep == 0) {
@@ -428,7 +413,7 @@ fn hold_at_planes(
                 }
                 by = less(by, slowed_by_friction(pad, solid, at, -gap, work));
             }
-            push(around.response, &mut work.x, &mut work.shape, pad, at.0, at.1, by);
+            push(response, &mut work.x, &mut work.shape, pad, at.0, at.1, by);
             again = true;
         }
         pushed |= again;
@@ -436,7 +421,7 @@ fn hold_at_planes(
             break;
         }
     }
-    (pushed, slipped)
+    pushed
 }
 
 /// What friction takes off the way that the strand slides over the solid in this step, head frame, cm; `work.old_skin` holds the strand
@@ -462,28 +447,33 @@ fn slowed_by_friction(
     scaled(slide, (solid.solid.friction * pressed).min(length) / length)
 }
 
-/// Looks at the whole strand where it now is: what is near becomes its touches.
-fn look(around: &Surroundings, slot: &mut Slot, alpha: f32, travel: Travel, reach: f32, work: &mut Work) {
+/// Looks at the strand where it now is: what is nearer than the reach becomes its touches. Returns how far all else surely is beyond the
+/// distance kept, cm.
+fn look(around: &Surroundings, slot: &mut Slot, alpha: f32, travel: Travel, reach: f32, work: &mut Work) -> f32 {
     let (pad, n) = (around.pad, around.n);
-    let contact = &around.params.guides.contact;
-    let gap_kept = contact.offset_cm as f32;
+    let gap_kept = around.params.guides.contact.offset_cm as f32;
     let longest = longest_segment(&work.x, pad, n);
-    let mut clear = f32::INFINITY;
+    if travel.total >= slot.marked_until {
+        let rate = around.params.residual.return_rate;
+        let own = farthest(largest(&work.offset, pad), largest(&work.velocity, pad), rate);
+        slot.marked = 0;
+        let mut bound = f32::INFINITY;
+        for solid in around.solids {
+            let x = Particles { x: &work.x, pad };
+            let (marked, clear) = Look::marks(&sight(around, solid, alpha, longest, reach), x, reach + MARKED_CM);
+            slot.marked |= marked;
+            bound = bound.min(clear);
+        }
+        slot.marked_until = travel.total + f64::from((bound - reach - own).max(0.0));
+    }
+    let mut clear = reach + (slot.marked_until - travel.total) as f32;
     let mut count = 0;
     for (k, solid) in around.solids.iter().enumerate() {
-        let frame = solid.at(f64::from(alpha));
-        let sight = Sight {
-            field: &solid.solid.sdf,
-            solid_from_head: &frame,
-            x: &work.x,
-            pad,
-            first: N_FIXED - 1,
-            end: n,
-            longest,
-            reach,
-            spacing: solid.solid.half_thickness_cm * contact.spacing_over_half_thickness as f32,
-        };
-        clear = clear.min(work.look.at_strand(&sight));
+        if slot.marked == 0 {
+            break;
+        }
+        let x = Particles { x: &work.x, pad };
+        clear = clear.min(work.look.at_strand(&sight(around, solid, alpha, longest, reach), x, slot.marked));
         for near in &work.look.found {
             let gap = near.distance - gap_kept;
             if count < MAX_TOUCHES {
@@ -514,12 +504,32 @@ fn look(around: &Surroundings, slot: &mut Slot, alpha: f32, travel: Travel, reac
         }
     }
     slot.n_touches = count as u8;
-    slot.looked_at = travel.total;
-    slot.look_at = travel.total + f64::from(clear - gap_kept);
+    clear - gap_kept
+}
+
+/// A solid as it is looked at at fraction `alpha` of the step.
+fn sight<'a>(around: &Surroundings<'a>, solid: &SolidInHead<'a>, alpha: f32, longest: f32, reach: f32) -> Sight<'a> {
+    let spacing = around.params.guides.contact.spacing_over_half_thickness as f32;
+    Sight {
+        field: &solid.solid.sdf,
+        solid_from_head: solid.at(f64::from(alpha)),
+        first: N_FIXED - 1,
+        end: around.n,
+        longest,
+        reach,
+        spacing: solid.solid.half_thickness_cm * spacing,
+    }
 }
 
 /// Moves the strand out of solids at its touches, just looked at; returns whether it had to.
-fn move_out(around: &Surroundings, slot: &mut Slot, alpha: f32, (travel, h): (f32, f32), work: &mut Work) -> bool {
+fn move_out(
+    around: &Surroundings,
+    response: &Response,
+    slot: &mut Slot,
+    alpha: f32,
+    (travel, h): (f32, f32),
+    work: &mut Work,
+) -> bool {
     let pad = around.pad;
     let most = around.params.guides.contact.max_push_speed as f32 * h + travel;
     let mut pushed = false;
@@ -530,7 +540,7 @@ fn move_out(around: &Surroundings, slot: &mut Slot, alpha: f32, (travel, h): (f3
         let gap = plane_gap(touch, frame.point(point_at(&work.x, pad, j, s)));
         if gap < 0.0 {
             let by = frame.vector_back(scaled(touch.normal, (-gap).min(most)));
-            push(around.response, &mut work.x, &mut work.shape, pad, j, s, by);
+            push(response, &mut work.x, &mut work.shape, pad, j, s, by);
             pushed = true;
         }
     }
@@ -538,7 +548,7 @@ fn move_out(around: &Surroundings, slot: &mut Slot, alpha: f32, (travel, h): (f3
 }
 
 /// Moves particles that are held off their place out of the head.
-fn keep_out_of_head(around: &Surroundings, work: &mut Work) {
+fn keep_out_of_head(around: &Surroundings, response: &Response, work: &mut Work) {
     let Some(head) = around.head else { return };
     let pad = around.pad;
     let gap_kept = around.params.guides.contact.offset_cm as f32;
@@ -553,7 +563,7 @@ fn keep_out_of_head(around: &Surroundings, work: &mut Work) {
         let kept = gap_kept.min(head.sdf.distance(Vector3::from(s)));
         if distance < kept {
             let by = normal * (kept - distance);
-            push(around.response, &mut work.x, &mut work.shape, pad, i - 1, 1.0, by.into());
+            push(response, &mut work.x, &mut work.shape, pad, i - 1, 1.0, by.into());
         }
     }
 }

@@ -1,15 +1,15 @@
 //! Where a strand is near a solid: all places at which its distance is least, from as few samples as will tell.
 //!
 //! A distance changes by at most the length walked, so the distances at the ends of a stretch bound all between them. Stretches that the
-//! bound does not clear are divided: runs of particles by halves, then segments into quarters and quarters again, down to the spacing at which
+//! bound does not clear are divided: runs of segments by halves, then segments into quarters and quarters again, down to the spacing at which
 //! the solid is sampled. Samples of one division are taken together. What is not divided further is surely farther than was asked.
 
 use crate::solid_in_head::{Frame, particle};
 use collision::{Samples, SignedDistanceField};
 use nalgebra::Vector3;
 
-/// Runs of at most so many segments are sampled at every particle.
-const SHORT_RUN: usize = 4;
+/// Runs of at most so many segments are marked as one.
+const SHORT_RUN: usize = 2;
 
 /// Parts that a segment, and again a part of it, is divided into.
 const PARTS: usize = 4;
@@ -46,10 +46,8 @@ pub(crate) struct Look {
 #[derive(Clone, Copy)]
 pub(crate) struct Sight<'a> {
     pub field: &'a SignedDistanceField,
-    pub solid_from_head: &'a Frame,
-    /// Three arrays of `pad` values of which particles `first` to `end` count, head frame, cm.
-    pub x: &'a [f32],
-    pub pad: usize,
+    pub solid_from_head: Frame,
+    /// Particles that count.
     pub first: usize,
     pub end: usize,
     /// Bound on the length of a segment, cm.
@@ -60,26 +58,71 @@ pub(crate) struct Sight<'a> {
     pub spacing: f32,
 }
 
+/// A strand as three arrays of `pad` values, head frame, cm.
+#[derive(Clone, Copy)]
+pub(crate) struct Particles<'a> {
+    pub x: &'a [f32],
+    pub pad: usize,
+}
+
 impl Sight<'_> {
+    /// Particle `i` in the solid's frame.
     #[inline(always)]
-    fn at(&self, i: usize) -> [f32; 3] {
-        self.solid_from_head.point(particle(self.x, self.pad, i))
+    fn at(&self, strand: Particles, i: usize) -> [f32; 3] {
+        self.solid_from_head.point(particle(strand.x, strand.pad, i))
     }
 }
 
 impl Look {
-    /// Finds all places nearer than the reach, in `found`; returns a lower bound of the distance of everything else, cm.
-    pub(crate) fn at_strand(&mut self, sight: &Sight) -> f32 {
+    /// Marks the segments (bit j: from particle j to the next) that may be nearer than `within` cm; returns a lower bound of the
+    /// distance of all others, cm.
+    pub(crate) fn marks(sight: &Sight, strand: Particles, within: f32) -> (u64, f32) {
+        let bound = |i: usize| sight.field.lower_bound(Vector3::from(sight.at(strand, i)));
+        let (mut marked, mut clear) = (0u64, f32::INFINITY);
+        // Runs still to be cleared: both ends with their bounds. Halving 64 segments leaves at most seven.
+        let mut runs = [(0usize, 0usize, 0.0f32, 0.0f32); 8];
+        let last = sight.end - 1;
+        runs[0] = (sight.first, last, bound(sight.first), bound(last));
+        let mut n_runs = 1;
+        while n_runs > 0 {
+            n_runs -= 1;
+            let (a, b, at_a, at_b) = runs[n_runs];
+            // Not a number clears nothing.
+            let least = 0.5 * (at_a + at_b - (b - a) as f32 * sight.longest);
+            if least > within {
+                clear = clear.min(least);
+            } else if b - a <= SHORT_RUN {
+                marked |= ((1u64 << (b - a)) - 1) << a;
+            } else {
+                let middle = usize::midpoint(a, b);
+                let at_middle = bound(middle);
+                runs[n_runs] = (middle, b, at_middle, at_b);
+                runs[n_runs + 1] = (a, middle, at_a, at_middle);
+                n_runs += 2;
+            }
+        }
+        (marked, clear)
+    }
+
+    /// Finds all places of the marked segments nearer than the reach, in `found`; returns a lower bound of the distance of the rest of
+    /// them, cm.
+    pub(crate) fn at_strand(&mut self, sight: &Sight, strand: Particles, marked: u64) -> f32 {
         self.found.clear();
         self.clear_samples();
-        let mut clear = self.particles(sight);
+        for i in sight.first..sight.end {
+            let beside = (marked >> i & 1) | if i > 0 { marked >> (i - 1) & 1 } else { 0 };
+            if beside == 1 {
+                self.add(i as f32, sight.at(strand, i));
+            }
+        }
+        let mut clear = f32::INFINITY;
         if self.along.is_empty() {
             return clear;
         }
         self.sample(sight.field, 0);
         let mut spacing = sight.longest;
         for _ in 0..MOST_DIVISIONS {
-            clear = clear.min(self.divide(sight, spacing));
+            clear = clear.min(self.divide(sight, marked, spacing));
             spacing /= PARTS as f32;
             if spacing <= sight.spacing {
                 break;
@@ -93,38 +136,6 @@ impl Look {
         self.point.iter_mut().chain(&mut self.gradient).for_each(Vec::clear);
         self.distance.clear();
         self.along.clear();
-    }
-
-    /// Lists the particles of runs that a few distances do not clear; returns the bound of those that they do.
-    fn particles(&mut self, sight: &Sight) -> f32 {
-        let bound = |i: usize| sight.field.lower_bound(Vector3::from(sight.at(i)));
-        let mut clear = f32::INFINITY;
-        // Runs still to be cleared, the nearest to the root last: both ends with their bounds. Halving 64 segments leaves at most seven.
-        let mut runs = [(0usize, 0usize, 0.0f32, 0.0f32); 8];
-        let last = sight.end - 1;
-        runs[0] = (sight.first, last, bound(sight.first), bound(last));
-        let mut n_runs = 1;
-        while n_runs > 0 {
-            n_runs -= 1;
-            let (a, b, at_a, at_b) = runs[n_runs];
-            let least = 0.5 * (at_a + at_b - (b - a) as f32 * sight.longest);
-            // Not a number clears nothing.
-            if least > sight.reach {
-                clear = clear.min(least);
-            } else if b - a <= SHORT_RUN {
-                let from = if self.along.last().is_some_and(|&(t, _)| t == a as f32) { a + 1 } else { a };
-                for i in from..=b {
-                    self.add(i as f32, sight.at(i));
-                }
-            } else {
-                let middle = usize::midpoint(a, b);
-                let at_middle = bound(middle);
-                runs[n_runs] = (middle, b, at_middle, at_b);
-                runs[n_runs + 1] = (a, middle, at_a, at_middle);
-                n_runs += 2;
-            }
-        }
-        clear
     }
 
     #[inline(always)]
@@ -150,7 +161,7 @@ impl Look {
 
     /// Divides every stretch between neighbouring samples, at most `spacing` cm long, that may hold something nearer than the reach; returns the
     /// bound of the others.
-    fn divide(&mut self, sight: &Sight, spacing: f32) -> f32 {
+    fn divide(&mut self, sight: &Sight, marked: u64, spacing: f32) -> f32 {
         let mut clear = f32::INFINITY;
         let first = self.point[0].len();
         let mut next = std::mem::take(&mut self.next);
@@ -159,8 +170,8 @@ impl Look {
             let (t, index) = self.along[k];
             next.push((t, index));
             let Some(&(u, other)) = self.along.get(k + 1) else { break };
-            // Between runs there is nothing to divide.
-            if u - t > 1.0 {
+            // Between marked segments there is nothing to divide.
+            if u - t > 1.0 || marked >> t as u32 & 1 == 0 {
                 continue;
             }
             let (i, j) = (index as usize, other as usize);

@@ -74,8 +74,6 @@ pub struct ResidualParams {
     pub correction: Correction,
     /// Rate at which an offset that nothing holds returns, damped critically, 1/s.
     pub return_rate: f64,
-    /// Time over which a strand's inertia resists a push, s: the longer, the farther along the strand a push is felt.
-    pub response_time_s: f64,
     /// Most substeps a step is divided into for a strand near a moving solid.
     pub max_substeps: usize,
     /// Relative motion of strand and solid per substep, as a multiple of the solid's least half-thickness.
@@ -129,7 +127,6 @@ impl RuntimeParams {
             residual: ResidualParams {
                 correction: Correction::Carried,
                 return_rate: 5.0,
-                response_time_s: 0.03,
                 max_substeps: 8,
                 motion_per_substep: 2.0,
                 max_speed: 300.0,
@@ -190,7 +187,6 @@ impl RuntimeParams {
         for (name, value) in [
             ("residual.motion_per_substep", self.residual.motion_per_substep),
             ("residual.return_rate", self.residual.return_rate),
-            ("residual.response_time_s", self.residual.response_time_s),
             ("residual.max_speed", self.residual.max_speed),
             ("residual.rest_cm", self.residual.rest_cm),
             ("two_way.stiffness_over_inertia", self.two_way.stiffness_over_inertia),

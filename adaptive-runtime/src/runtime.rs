@@ -43,7 +43,10 @@ pub struct Runtime {
     /// Index of each strand's guide set within its kept sets.
     pub(crate) sets: Vec<u16>,
     pub(crate) strands: Strands,
-    pub(crate) response: Response,
+    /// How offsets near solids move, for each number of substeps, in steps of `response_dt` s.
+    pub(crate) responses: Vec<Response>,
+    pub(crate) response_dt: f64,
+    pub(crate) spacing_cm: f64,
     pub(crate) positions: Vec<[f32; 3]>,
     pub(crate) previous: Vec<[f32; 3]>,
     pub(crate) two_way: TwoWay,
@@ -107,14 +110,6 @@ impl Runtime {
         let positions: Vec<[f32; 3]> =
             (0..n_strands).flat_map(|s| model.rest_of(s)).map(|&p| to_world(&world_from_head, p)).collect();
         let material = material_of(&model.material);
-        let response = Response::new(
-            n,
-            pad,
-            mean_spacing_cm(&model),
-            &material,
-            params.guides.gravity.norm(),
-            params.residual.response_time_s,
-        );
         let hair_hair = if params.hair_hair.enabled {
             let rest: Vec<[f32; 3]> = (0..n_strands).flat_map(|s| model.rest_of(s).iter().copied()).collect();
             Some(HairHair::new(&rest, n, N_FIXED, head.as_ref(), params.hair_hair)?)
@@ -138,7 +133,9 @@ impl Runtime {
             clusters,
             sets,
             strands,
-            response,
+            responses: Vec::new(),
+            response_dt: f64::NAN,
+            spacing_cm: mean_spacing_cm(&model),
             previous: positions.clone(),
             positions,
             two_way,

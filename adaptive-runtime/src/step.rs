@@ -6,6 +6,7 @@ use crate::graph::EdgeRule;
 use crate::interpolate::interpolate;
 use crate::params::Correction;
 use crate::solid_in_head::SolidInHead;
+use crate::response::{Elasticity, Response};
 use crate::runtime::{Runtime, Worker};
 use crate::strands::GROUP;
 use crate::timings::{StageTimings, timed};
@@ -172,6 +173,24 @@ impl Runtime {
         }
     }
 
+    /// Tables for steps of another length than the last.
+    fn fit_responses(&mut self, dt: f64) {
+        if self.response_dt == dt {
+            return;
+        }
+        let of = Elasticity {
+            spacing_cm: self.spacing_cm,
+            material: &self.material,
+            gravity_cm_per_s2: self.params.guides.gravity.norm(),
+            return_rate: self.params.residual.return_rate,
+        };
+        let (n, pad) = (self.strands.n_particles, self.strands.pad);
+        self.responses.clear();
+        let most = self.params.residual.max_substeps;
+        self.responses.extend((1..=most).map(|k| Response::new(n, pad, of, dt / k as f64)));
+        self.response_dt = dt;
+    }
+
     /// Corrects every strand that may be in reach of a solid, and leaves what holds them in the workers.
     fn meet_solids(
         &mut self,
@@ -181,15 +200,17 @@ impl Runtime {
         report: &mut StepReport,
     ) {
         self.fit_workers(self.strands.groups.len().div_ceil(GROUPS_PER_PART));
+        self.fit_responses(dt);
         let strands = &mut self.strands;
         let (n, pad) = (strands.n_particles, strands.pad);
         let around = Surroundings {
             dt,
             time: self.time,
+            step: self.step_number,
             solids,
             head,
             params: &self.params,
-            response: &self.response,
+            responses: &self.responses,
             pad,
             n,
         };

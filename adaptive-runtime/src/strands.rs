@@ -35,10 +35,11 @@ pub(crate) struct Slot {
     /// Travel of the group, or else time, from which the strand may meet a solid, cm and s.
     pub awake_at: f64,
     pub awake_from: f64,
-    /// Travel of the group when the strand was looked at, cm.
-    pub looked_at: f64,
-    /// Travel of the group from which it may meet one elsewhere than at its touches, cm.
-    pub look_at: f64,
+    /// Step at whose end the strand was looked at last.
+    pub looked: u64,
+    /// Segments that may be near a solid, one bit each, until the group's travel reaches `marked_until`, cm.
+    pub marked: u64,
+    pub marked_until: f64,
     pub n_touches: u8,
     pub touches: [Touch; MAX_TOUCHES],
 }
@@ -127,8 +128,9 @@ impl Strands {
                 strand,
                 awake_at: f64::NEG_INFINITY,
                 awake_from: f64::INFINITY,
-                looked_at: f64::NEG_INFINITY,
-                look_at: f64::NEG_INFINITY,
+                looked: u64::MAX,
+                marked: 0,
+                marked_until: f64::NEG_INFINITY,
                 n_touches: 0,
                 touches: [Touch::default(); MAX_TOUCHES],
             });
@@ -246,7 +248,7 @@ impl Strands {
         }
         self.fades[at] = Fade::of(offset, velocity, pad, time, rate, least_cm);
         // The strand will move on its own: it must be looked at.
-        (slot.awake_at, slot.look_at) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
+        (slot.awake_at, slot.marked_until) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
         self.groups[at / GROUP].wake_at = f64::NEG_INFINITY;
     }
 }
@@ -266,7 +268,7 @@ impl Slot {
     /// Forgets touches.
     pub(crate) fn forget(&mut self) {
         self.n_touches = 0;
-        (self.awake_at, self.look_at) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
+        (self.awake_at, self.marked_until) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
     }
 }
 

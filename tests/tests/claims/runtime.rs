@@ -32,7 +32,9 @@ fn runtime(model: SkinningModel, params: RuntimeParams, solids: Vec<Solid>, pose
 }
 
 fn step(runtime: &mut Runtime, poses: &[Isometry3<f64>]) -> StepReport {
-    runtime.step(&StepInput { dt: DT, world_from_head: still(), world_from_solids: poses })
+    let report = runtime.step(&StepInput { dt: DT, world_from_head: still(), world_from_solids: poses });
+    runtime.read();
+    report
 }
 
 fn rest(model: &SkinningModel) -> Vec<[f32; 3]> {
@@ -280,6 +282,7 @@ fn a_rough_ride_leaves_nothing_that_is_not_a_number() {
             let turn = UnitQuaternion::from_euler_angles(0.4 * swing, 2.0 * t, 0.0);
             let head = Isometry3::from_parts(Translation3::new(5.0 * swing, 0.0, 0.0), turn);
             runtime.step(&StepInput { dt: DT, world_from_head: head, world_from_solids: &poses });
+            runtime.read();
             assert!(runtime.positions().iter().flatten().all(|x| x.is_finite()));
         }
     }
