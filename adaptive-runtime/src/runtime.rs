@@ -98,7 +98,7 @@ impl Runtime {
         let n = model.n_particles as usize;
         let n_strands = model.n_strands as usize;
         let pad = padded(n);
-        let guides = Guides::new(&model, &world_from_head, head.as_ref(), &params.guides)?;
+        let guides = Guides::new(&model, &world_from_head, head.as_ref(), &params)?;
         let graph = GuideGraph::new(&model);
         let clusters = Clusters::new(&graph);
         let strands = (0..n_strands)
@@ -233,6 +233,17 @@ impl Runtime {
             mix(u64::from(strand.set));
         }
         hash
+    }
+
+    /// Puts the head elsewhere, with all its hair as it is: for a head that jumps, which a step would have tear at its hair.
+    /// Solids stay where they are.
+    pub fn put_head(&mut self, world_from_head: &Isometry3<f64>) {
+        self.guides.carry_to(&self.world_from_head, world_from_head);
+        let to_there = world_from_head * self.world_from_head.inverse();
+        for p in self.positions.iter_mut().chain(&mut self.previous) {
+            *p = to_world(&to_there, *p);
+        }
+        self.world_from_head = *world_from_head;
     }
 
     /// Sets all guides in the head frame and interpolates every strand from its best-trained set, without dynamics or
