@@ -2,13 +2,17 @@
 
 use crate::error::Error;
 use crate::graph::GuideMotion;
+use crate::guides_dftl::Dftl;
 use crate::interpolate::TransformArrays;
+use crate::params::{GuideIntegrator, RuntimeParams};
 use collision::{MovingSolid, Solid, SolidPose};
 use io_formats::guide_transform::{Blend, DisplacementTransform, guide_transforms};
 use io_formats::skinning_model::{MaterialRecord, SkinningModel};
 use nalgebra::{Isometry3, Point3, Vector3};
+use strand_sim::interaction::LinkSet;
 use strand_sim::{
-    ALTITUDE_PER_TWIST, Material, StepInput, StepParams, StepReport, StepWorkspace, StrandState, StrandSystem,
+    ALTITUDE_PER_TWIST, InteractionParams, InteractionWorkspace, Material, StepInput, StepParams, StepReport,
+    StepWorkspace, StrandState, StrandSystem,
 };
 
 /// A model's material as the simulator reads it.
@@ -50,9 +54,7 @@ pub fn record_of(material: &Material) -> MaterialRecord {
 pub(crate) struct Guides {
     n_particles: usize,
     blend: Blend,
-    system: StrandSystem,
-    state: StrandState,
-    workspace: StepWorkspace,
+    dynamics: Dynamics,
     /// Guide-major, head frame, cm.
     rest: Vec<[f32; 3]>,
     position_in_head: Vec<[f32; 3]>,
@@ -63,38 +65,63 @@ pub(crate) struct Guides {
     pub(crate) arrays: TransformArrays,
 }
 
+/// What moves the guides; the state is kept in the world frame.
+#[derive(Debug)]
+enum Dynamics {
+    Springs(Box<Springs>),
+    Dftl(Dftl),
+}
+
+#[derive(Debug)]
+struct Springs {
+    system: StrandSystem,
+    state: StrandState,
+    workspace: StepWorkspace,
+    /// How guides meet each other, with what they remember of that.
+    interaction: Option<(InteractionParams, LinkSet, InteractionWorkspace)>,
+}
+
 impl Guides {
     /// `head` is what the guides rest on; `params` says under what gravity they do.
     pub(crate) fn new(
         model: &SkinningModel,
         world_from_head: &Isometry3<f64>,
         head: Option<&Solid>,
-        params: &StepParams,
+        params: &RuntimeParams,
     ) -> Result<Self, Error> {
         let n = model.n_particles as usize;
         let groom: Vec<Vector3<f64>> =
             model.groom_in_head.chunks_exact(3).map(|p| Vector3::new(p[0], p[1], p[2]).cast()).collect();
         let rest: Vec<[f32; 3]> =
             model.guide_strands.iter().flat_map(|&s| model.rest_of(s as usize).iter().copied()).collect();
-        let mut system = StrandSystem::new(&groom, n, material_of(&model.material))?;
         let shape: Vec<Vector3<f64>> = rest.iter().map(|&p| Vector3::from(p).cast()).collect();
-        let pose = SolidPose::still(Isometry3::identity());
-        let head: Vec<_> = head.map(|solid| MovingSolid { solid, pose }).into_iter().collect();
-        // As the full-space simulation that the model was trained on.
-        let (settled, _) = system.hold_settled(&shape, &head, params)?;
-        let state = settled.carried(world_from_head);
-        let n_guides = model.n_guides();
+        let dynamics = match params.guide_integrator {
+            GuideIntegrator::FollowTheLeader(dftl) => {
+                let density = model.material.linear_density_g_per_cm;
+                Dynamics::Dftl(Dftl::new(shape, n, density, world_from_head, dftl))
+            }
+            GuideIntegrator::Springs => {
+                let mut system = StrandSystem::new(&groom, n, material_of(&model.material))?;
+                let pose = SolidPose::still(Isometry3::identity());
+                let head: Vec<_> = head.map(|solid| MovingSolid { solid, pose }).into_iter().collect();
+                // As the full-space simulation that the model was trained on.
+                let (settled, _) = system.hold_settled(&shape, &head, &params.guides)?;
+                let state = settled.carried(world_from_head);
+                let interaction = params
+                    .guide_interaction
+                    .map(|interaction| (interaction, LinkSet::default(), InteractionWorkspace::default()));
+                Dynamics::Springs(Box::new(Springs { system, state, workspace: StepWorkspace::default(), interaction }))
+            }
+        };
         Ok(Self {
             n_particles: n,
             blend: model.blend,
-            system,
-            state,
-            workspace: StepWorkspace::default(),
+            dynamics,
             position_in_head: rest.clone(),
             velocity_in_head: vec![[0.0; 3]; rest.len()],
             position_in_solids: Vec::new(),
             transforms: vec![DisplacementTransform::default(); n],
-            arrays: TransformArrays::new(n_guides, n, model.blend),
+            arrays: TransformArrays::new(model.n_guides(), n, model.blend),
             rest,
         })
     }
@@ -105,18 +132,27 @@ impl Guides {
         world_from_head: &Isometry3<f64>,
         params: &StepParams,
     ) -> StepReport {
-        let report = self.system.step(&mut self.state, input, params, &mut self.workspace);
+        let report = match &mut self.dynamics {
+            Dynamics::Springs(springs) => springs.step(input, params),
+            Dynamics::Dftl(dftl) => dftl.step(input, params),
+        };
         let head_from_world = world_from_head.inverse();
+        // As a matrix: half the work of a quaternion's two cross products.
+        let (turn, shift) = (head_from_world.rotation.to_rotation_matrix(), head_from_world.translation.vector);
         let n = self.n_particles;
+        let per_s = (1.0 / input.dt) as f32;
         let (position, velocity) = (&mut self.position_in_head, &mut self.velocity_in_head);
-        self.system.read(&self.state, |guide, i, world, _| {
-            let now: [f32; 3] = head_from_world.transform_point(&Point3::from(world)).coords.cast::<f32>().into();
-            let at = guide * n + i;
+        let mut take = |at: usize, world: Vector3<f64>| {
+            let now: [f32; 3] = (turn * world + shift).cast::<f32>().into();
             for c in 0..3 {
-                velocity[at][c] = (now[c] - position[at][c]) / input.dt as f32;
+                velocity[at][c] = (now[c] - position[at][c]) * per_s;
             }
             position[at] = now;
-        });
+        };
+        match &self.dynamics {
+            Dynamics::Springs(s) => s.system.read(&s.state, |guide, i, world, _| take(guide * n + i, world)),
+            Dynamics::Dftl(dftl) => dftl.position().iter().enumerate().for_each(|(at, &world)| take(at, world)),
+        }
         self.update_transforms();
         report
     }
@@ -125,8 +161,23 @@ impl Guides {
         let n = self.n_particles;
         for guide in 0..self.rest.len() / n {
             let of = guide * n..(guide + 1) * n;
-            guide_transforms(&self.rest[of.clone()], &self.position_in_head[of], self.blend, &mut self.transforms);
-            self.arrays.set_guide(guide, &self.transforms);
+            let (rest, current) = (&self.rest[of.clone()], &self.position_in_head[of]);
+            if self.blend == Blend::Translation {
+                self.arrays.set_guide_moved(guide, rest, current);
+            } else {
+                guide_transforms(rest, current, self.blend, &mut self.transforms);
+                self.arrays.set_guide(guide, &self.transforms);
+            }
+        }
+    }
+
+    /// Carries all guides rigidly from one head pose to another, as if nothing had happened between: for a head that is put
+    /// elsewhere, which would otherwise tear its hair along. Places and velocities in the head frame stay as they are.
+    pub(crate) fn carry_to(&mut self, from: &Isometry3<f64>, to: &Isometry3<f64>) {
+        let to_there = to * from.inverse();
+        match &mut self.dynamics {
+            Dynamics::Springs(springs) => springs.state.carry(&to_there),
+            Dynamics::Dftl(dftl) => dftl.carry(&to_there),
         }
     }
 
@@ -155,5 +206,16 @@ impl Guides {
 
     pub(crate) fn position_in_head(&self) -> &[[f32; 3]] {
         &self.position_in_head
+    }
+}
+
+impl Springs {
+    fn step(&mut self, input: &StepInput, params: &StepParams) -> StepReport {
+        match &mut self.interaction {
+            None => self.system.step(&mut self.state, input, params, &mut self.workspace),
+            Some((interaction, links, workspace)) => {
+                self.system.step_interacting(&mut self.state, links, input, params, interaction, workspace).step
+            }
+        }
     }
 }

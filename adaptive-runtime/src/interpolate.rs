@@ -77,6 +77,18 @@ impl TransformArrays {
         most
     }
 
+    /// [`Self::set_guide`] of a guide that only moves what is near it: what its particles have moved by, cm.
+    pub(crate) fn set_guide_moved(&mut self, guide: usize, rest: &[[f32; 3]], current: &[[f32; 3]]) {
+        let (pad, last) = (self.pad, rest.len() - 1);
+        let arrays = &mut self.values[guide * ARRAYS * pad..(guide + 1) * ARRAYS * pad];
+        for (c, array) in arrays[TRANSLATION * pad..].chunks_exact_mut(pad).enumerate() {
+            for (i, out) in array.iter_mut().enumerate() {
+                let i = i.min(last);
+                *out = current[i][c] - rest[i][c];
+            }
+        }
+    }
+
     pub(crate) fn set_guide(&mut self, guide: usize, transforms: &[DisplacementTransform]) {
         let pad = self.pad;
         let arrays = &mut self.values[guide * ARRAYS * pad..(guide + 1) * ARRAYS * pad];

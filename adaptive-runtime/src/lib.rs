@@ -10,6 +10,7 @@ mod correct;
 mod error;
 mod graph;
 mod guides;
+mod guides_dftl;
 mod hair_hair;
 mod interpolate;
 mod look;
@@ -29,7 +30,9 @@ pub use error::Error;
 pub use graph::GuideGraph;
 pub use guides::{material_of, record_of};
 pub use hair_hair::{HairHairParams, HairHairReport};
-pub use params::{AssignParams, Correction, ResidualParams, RuntimeParams, TwoWayParams, TwoWaySolve};
+pub use params::{
+    AssignParams, Correction, DftlParams, GuideIntegrator, ResidualParams, RuntimeParams, TwoWayParams, TwoWaySolve,
+};
 pub use runtime::Runtime;
 pub use step::{StepInput, StepReport};
 pub use timings::StageTimings;

@@ -2,7 +2,33 @@
 
 use crate::error::Error;
 use crate::hair_hair::HairHairParams;
-use strand_sim::StepParams;
+use strand_sim::{InteractionParams, StepParams};
+
+/// How guides are moved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum GuideIntegrator {
+    /// As mass-spring strands (MS08 §4).
+    Springs,
+    /// By dynamic follow-the-leader, that AS16 §7.2 compares with: a cheap baseline without bending or twist.
+    FollowTheLeader(DftlParams),
+}
+
+/// Constants of dynamic follow-the-leader (Müller et al. 2012).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DftlParams {
+    /// Share, 0 to 1, of the correction of the next particle that a particle's velocity is put right by.
+    pub correction: f64,
+    /// Rate at which velocity relative to the head dies away, 1/s.
+    pub drag_per_s: f64,
+}
+
+impl DftlParams {
+    /// The paper's share of nine tenths; a drag that brings hair to rest in about a second.
+    #[must_use]
+    pub fn standard() -> Self {
+        Self { correction: 0.9, drag_per_s: 2.0 }
+    }
+}
 
 /// Choice of guide sets (AS16 §4.3).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -89,6 +115,10 @@ pub struct ResidualParams {
 pub struct RuntimeParams {
     /// Guides' integration.
     pub guides: StepParams,
+    /// What moves the guides; of [`Self::guides`] follow-the-leader takes gravity and the contact offset.
+    pub guide_integrator: GuideIntegrator,
+    /// How guides meet each other (AS16 §7.1); `None` lets them pass. Springs only.
+    pub guide_interaction: Option<InteractionParams>,
     /// Choice of sets.
     pub assign: AssignParams,
     /// Two-way correction.
@@ -101,12 +131,21 @@ pub struct RuntimeParams {
     pub gap_resolution: f32,
 }
 
+/// [`StepParams::standard`], each substep solved once: what tears loose is slowed from the next on.
+fn guide_step() -> StepParams {
+    let mut step = StepParams::standard();
+    step.contact.solve_torn_again = false;
+    step
+}
+
 impl RuntimeParams {
     /// The whole method with the departures of docs/DEVIATIONS.md.
     #[must_use]
     pub fn adaptive() -> Self {
         Self {
-            guides: StepParams::standard(),
+            guides: guide_step(),
+            guide_integrator: GuideIntegrator::Springs,
+            guide_interaction: None,
             assign: AssignParams {
                 adapt: true,
                 cost_tolerance_cm: 0.05,
@@ -197,9 +236,21 @@ impl RuntimeParams {
                 return bad(name, value, "finite and greater than zero");
             }
         }
-        for (name, value) in
-            [("two_way.memory", self.two_way.memory), ("two_way.idle_row_weight", self.two_way.idle_row_weight)]
-        {
+        if let Some(interaction) = &self.guide_interaction {
+            interaction.validate()?;
+        }
+        let dftl = match self.guide_integrator {
+            GuideIntegrator::FollowTheLeader(dftl) => dftl,
+            GuideIntegrator::Springs => DftlParams::standard(),
+        };
+        if !(dftl.drag_per_s.is_finite() && dftl.drag_per_s >= 0.0) {
+            return bad("guide_integrator.drag_per_s", dftl.drag_per_s, "finite and not negative");
+        }
+        for (name, value) in [
+            ("two_way.memory", self.two_way.memory),
+            ("two_way.idle_row_weight", self.two_way.idle_row_weight),
+            ("guide_integrator.correction", dftl.correction),
+        ] {
             if !(0.0..=1.0).contains(&value) {
                 return bad(name, value, "from zero to one");
             }

@@ -101,7 +101,7 @@ impl Runtime {
         }
         let n_strands = model.n_strands as usize;
         let pad = padded(n);
-        let guides = Guides::new(&model, &world_from_head, head.as_ref(), &params.guides)?;
+        let guides = Guides::new(&model, &world_from_head, head.as_ref(), &params)?;
         let graph = GuideGraph::new(&model);
         let clusters = Clusters::new(&graph);
         let sets: Vec<u16> = (0..n_strands).map(|s| best_set(&model, s)).collect();
@@ -232,6 +232,15 @@ impl Runtime {
             }
         }
         hash
+    }
+
+    /// Puts the head elsewhere, with all its hair as it is: for a head that jumps, which a step would have tear at its hair.
+    /// Solids stay where they are. Positions follow at the next read.
+    pub fn put_head(&mut self, world_from_head: &Isometry3<f64>) {
+        self.guides.carry_to(&self.world_from_head, world_from_head);
+        self.world_from_head = *world_from_head;
+        // Solids are elsewhere for the hair now.
+        self.strands.forget_touches();
     }
 
     /// Sets all guides in the head frame and reads every strand as its present set skins it, without dynamics or

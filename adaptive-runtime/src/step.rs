@@ -11,7 +11,7 @@ use crate::runtime::{Runtime, Worker};
 use crate::strands::GROUP;
 use crate::timings::{StageTimings, timed};
 use crate::two_way::{ContactPoint, Round};
-use collision::{MovingSolid, SolidPose};
+use collision::{MovingDeformingSolid, MovingSolid, SolidPose};
 use io_formats::skinning_model::SkinningModel;
 use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
@@ -61,6 +61,14 @@ impl Runtime {
     /// # Panics
     /// If the number of poses is not that of the solids.
     pub fn step(&mut self, input: &StepInput) -> StepReport {
+        self.step_among(input, &[])
+    }
+
+    /// As [`Self::step`] among bodies that change their shape, which only guides meet.
+    ///
+    /// # Panics
+    /// As [`Self::step`].
+    pub fn step_among(&mut self, input: &StepInput, deforming: &[MovingDeformingSolid]) -> StepReport {
         assert_eq!(input.world_from_solids.len(), self.solids.len(), "one pose per solid");
         let mut report = StepReport::default();
         // The solids are lent to the stages while the rest of the runtime is written.
@@ -92,7 +100,10 @@ impl Runtime {
             let mut all: Vec<MovingSolid> = moving.clone();
             all.extend(moving_head);
             let carried = strand_sim::StepInput::carried(input.dt, self.world_from_head, input.world_from_head);
-            let step = strand_sim::StepInput { solids: &all, forces: &self.two_way.forces, ..carried };
+            // Hair lies on the head all the time: its field is enough.
+            let surfaces: Vec<_> = moving.iter().filter_map(MovingSolid::surface).collect();
+            let (solids, surfaces, forces) = (&all, &surfaces, &self.two_way.forces);
+            let step = strand_sim::StepInput { solids, surfaces, deforming, forces, ..carried };
             self.guides.step(&step, &input.world_from_head, &self.params.guides)
         });
         report.guide_contacts = guide_report.contacts;

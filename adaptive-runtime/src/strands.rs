@@ -187,11 +187,16 @@ impl Strands {
         if slot.n_touches > 0 { 0.0 } else { (slot.awake_at - group.travel).max(0.0) as f32 }
     }
 
+    /// Forgets where solids are: every strand is looked at anew.
+    pub(crate) fn forget_touches(&mut self) {
+        self.slots.iter_mut().for_each(Slot::forget);
+        self.groups.iter_mut().for_each(|group| group.wake_at = f64::NEG_INFINITY);
+    }
+
     /// Drops all offsets.
     pub(crate) fn forget_offsets(&mut self) {
-        self.slots.iter_mut().for_each(Slot::forget);
+        self.forget_touches();
         self.fades.fill(Fade::NONE);
-        self.groups.iter_mut().for_each(|group| group.wake_at = f64::NEG_INFINITY);
     }
 
     /// Adds a step's travel to every group: of the guides from `before` to `now`, per guide into `guide_travel` (cm), and of the solids,

@@ -39,11 +39,11 @@ pub fn solid_of_mesh(
     cache: Option<&BakeCache>,
 ) -> Result<(Solid, Origin), Error> {
     let kept = cache.map(|cache| (cache, key_of(mesh, params)));
+    let named = |source| Error::Bake { name: name.to_owned(), source };
     if let Some(solid) = kept.and_then(|(cache, key)| load(name, friction, cache, key)) {
-        return Ok((solid, Origin::Kept));
+        return Ok((solid.with_surface(&mesh.vertices, &mesh.triangles).map_err(named)?, Origin::Kept));
     }
-    let solid = Solid::from_mesh(name, &mesh.vertices, &mesh.triangles, params, friction)
-        .map_err(|source| Error::Bake { name: name.to_owned(), source })?;
+    let solid = Solid::from_mesh(name, &mesh.vertices, &mesh.triangles, params, friction).map_err(named)?;
     if let Some((cache, key)) = kept {
         let mut payload = solid.half_thickness_cm.to_le_bytes().to_vec();
         payload.extend_from_slice(&solid.sdf.to_bytes());
@@ -69,7 +69,7 @@ fn load(name: &str, friction: f32, cache: &BakeCache, key: BakeKey) -> Option<So
     });
     match parsed {
         Some(Ok((half_thickness_cm, sdf))) if half_thickness_cm > 0.0 && half_thickness_cm.is_finite() => {
-            Some(Solid { name: name.to_owned(), sdf, half_thickness_cm, friction })
+            Some(Solid::new(name, sdf, half_thickness_cm, friction))
         }
         Some(Err(error)) => {
             tracing::warn!(solid = name, path = %path.display(), %error, "the kept solid is baked again");

@@ -89,7 +89,7 @@ pub fn comb(params: CombParams) -> Result<Solid, Error> {
     let bounds = Bounds::new(Vector3::new(-wide, -thick, -tooth_length_cm - RIM_CM), Vector3::new(wide, thick, thick));
     let sdf = bake_from_fn(bounds, tip_radius / COMB_CELLS_PER_RADIUS, distance)
         .map_err(|source| Error::Bake { name: "comb".to_owned(), source })?;
-    Ok(Solid { name: "comb".to_owned(), sdf, half_thickness_cm: tip_radius, friction: DEFAULT_FRICTION })
+    Ok(Solid::new("comb", sdf, tip_radius, DEFAULT_FRICTION))
 }
 
 /// Free space around a comb's grid, cm.
@@ -110,7 +110,7 @@ pub fn head() -> Result<Solid, Error> {
     let shape = head_shape();
     let sdf = bake_from_fn(bounds, HEAD_CELL_CM, |p| shape.distance(p))
         .map_err(|source| Error::Bake { name: "head".to_owned(), source })?;
-    Ok(Solid { name: "head".to_owned(), sdf, half_thickness_cm: 1.0, friction: DEFAULT_FRICTION })
+    Ok(Solid::new("head", sdf, 1.0, DEFAULT_FRICTION))
 }
 
 fn head_shape() -> ShapeUnion {

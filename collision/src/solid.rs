@@ -4,6 +4,8 @@
 //! the solid's frame before they become single precision. Between the ends of a step the pose is blended (translation
 //! linearly, rotation at constant angular velocity); the bound on movement holds for that path.
 
+use std::sync::Arc;
+
 use nalgebra::{Isometry3, Matrix3, Point3, UnitQuaternion, Vector3};
 
 use crate::error::Error;
@@ -11,6 +13,7 @@ use crate::sdf::mesh::ClosedMesh;
 use crate::sdf::mesh_bake::bake_closed;
 use crate::sdf::{BakeParams, Bounds, SignedDistanceField, bake_from_fn};
 use crate::shapes::ShapeUnion;
+use crate::surface::{MovingSurface, Surface};
 use crate::thickness::smallest_half_thickness;
 
 /// A rigid solid in its own frame.
@@ -24,9 +27,25 @@ pub struct Solid {
     pub half_thickness_cm: f32,
     /// Coulomb friction coefficient against hair, as AS16 Table 1.
     pub friction: f32,
+    /// Its triangles, for tests along the whole way of a step; none of a solid that is only a field.
+    pub surface: Option<Arc<Surface>>,
 }
 
 impl Solid {
+    /// A solid of a field alone.
+    #[must_use]
+    pub fn new(name: &str, sdf: SignedDistanceField, half_thickness_cm: f32, friction: f32) -> Self {
+        Self { name: name.to_owned(), sdf, half_thickness_cm, friction, surface: None }
+    }
+
+    /// The same solid with triangles (solid's frame, cm) that stand for its surface, such as a mesh of a shape in closed form.
+    ///
+    /// # Errors
+    /// As [`Surface::new`].
+    pub fn with_surface(self, positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Result<Self, Error> {
+        Ok(Self { surface: Some(Arc::new(Surface::new(positions, triangles)?)), ..self })
+    }
+
     /// Bakes closed-form shapes with a rim of half a centimetre, at the given cell (cm).
     ///
     /// # Errors
@@ -41,10 +60,10 @@ impl Solid {
         const RIM_CM: f32 = 0.5;
         let bounds = shape.bounds().ok_or(Error::EmptyMesh { n_vertices: 0, n_triangles: 0 })?;
         let sdf = bake_from_fn(bounds.grown(RIM_CM.max(2.0 * cell)), cell, |p| shape.distance(p))?;
-        Ok(Self { name: name.to_owned(), sdf, half_thickness_cm, friction })
+        Ok(Self::new(name, sdf, half_thickness_cm, friction))
     }
 
-    /// Bakes a mesh (cm) and measures its thinnest feature.
+    /// Bakes a mesh (cm), measures its thinnest feature and keeps its triangles.
     ///
     /// # Errors
     /// As [`crate::bake_from_mesh`].
@@ -56,12 +75,8 @@ impl Solid {
         friction: f32,
     ) -> Result<Self, Error> {
         let closed = ClosedMesh::new(positions, triangles)?;
-        Ok(Self {
-            name: name.to_owned(),
-            sdf: bake_closed(&closed, params)?,
-            half_thickness_cm: smallest_half_thickness(&closed.indexed()?),
-            friction,
-        })
+        let half_thickness_cm = smallest_half_thickness(&closed.indexed()?);
+        Self::new(name, bake_closed(&closed, params)?, half_thickness_cm, friction).with_surface(positions, triangles)
     }
 }
 
@@ -156,7 +171,13 @@ pub struct MovingSolid<'a> {
     pub pose: SolidPose,
 }
 
-impl MovingSolid<'_> {
+impl<'a> MovingSolid<'a> {
+    /// Its triangles on the same way, if it has any.
+    #[must_use]
+    pub fn surface(&self) -> Option<MovingSurface<'a>> {
+        self.solid.surface.as_deref().map(|surface| MovingSurface { surface, pose: self.pose })
+    }
+
     /// Longest path (cm) that any point of the solid travels over the step. Never too small.
     pub fn max_displacement(&self) -> f64 {
         self.pose.max_displacement(&self.solid.sdf.bounds())

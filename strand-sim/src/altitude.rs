@@ -7,7 +7,7 @@
 //! rank one, exerts neither force nor torque on the whole, and one volume serves all candidates. The least length is
 //! the largest |c|. Lengths carry the sign of the volume, at rest as in motion: without it inversion is never undone.
 
-use crate::lanes::{LANES, Lane, Lane3, ZERO};
+use crate::lanes::{self, LANES, Lane, Lane3, ZERO};
 use nalgebra::Vector3;
 
 /// Candidates of a tetrahedron: a point over its face for particles 0 to 3, then the edges 01|23, 02|13, 03|12.
@@ -321,7 +321,7 @@ pub fn altitude_lanes(x: [&Lane3; 4], rest: &AltitudeRestLanes) -> AltitudeLanes
         let longest_squared = dot(a, a).max(dot(b, b)).max(dot(c, c));
         solid[l] = is_solid(area_squared, longest_squared, rest.floor[l]);
         all_solid &= solid[l];
-        let inv_area = sign / area_squared.sqrt();
+        let inv_area = sign * lanes::inv_sqrt_of(area_squared);
         let d = [best[0] * inv_area, best[1] * inv_area, best[2] * inv_area];
         // 1/|c| is inv_area without the sign.
         let scale = inv_area * sign;

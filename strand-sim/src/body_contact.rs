@@ -27,13 +27,22 @@ pub struct ContactParams {
     pub max_push_speed: f64,
     /// Spacing at which a segment near a surface is sampled, as a multiple of the solid's least half-thickness.
     pub spacing_over_half_thickness: f64,
+    /// Whether a substep in which friction lets go of what it held is solved again with what it may hold; otherwise that
+    /// acts from the next substep on.
+    pub solve_torn_again: bool,
 }
 
 impl ContactParams {
     /// A hair's own radius and grid error as offset; stiff enough to leave a hundredth of a penetration.
     #[must_use]
     pub fn standard() -> Self {
-        Self { offset_cm: 0.012, stiffness_over_inertia: 100.0, max_push_speed: 50.0, spacing_over_half_thickness: 0.6 }
+        Self {
+            offset_cm: 0.012,
+            stiffness_over_inertia: 100.0,
+            max_push_speed: 50.0,
+            spacing_over_half_thickness: 0.6,
+            solve_torn_again: true,
+        }
     }
 }
 

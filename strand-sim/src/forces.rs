@@ -5,7 +5,7 @@
 //! step by the time a transverse wave takes to cross one segment; the positive part of the geometric stiffness,
 //! max(T, 0)/l (I - ddᵀ), removes that bound, keeps the band and stays positive definite (docs/DEVIATIONS.md).
 
-use crate::lanes::{LANES, Lane, Lane3, ZERO};
+use crate::lanes::{self, LANES, Lane, Lane3, ZERO};
 
 /// Shortest spring length divided by, cm: a collapsed spring has no direction and exerts no force.
 const SHORTEST_CM: f64 = 1e-9;
@@ -48,8 +48,9 @@ pub(crate) fn linearise(
     let mut out = Linearised { direction: [ZERO; 3], force: [ZERO; 3], along: ZERO, around: ZERO };
     for l in 0..LANES {
         let (ex, ey, ez) = (to[0][l] - from[0][l], to[1][l] - from[1][l], to[2][l] - from[2][l]);
-        let length = ex.mul_add(ex, ey.mul_add(ey, ez * ez)).sqrt();
-        let inv = 1.0 / length.max(SHORTEST_CM);
+        let square = ex.mul_add(ex, ey.mul_add(ey, ez * ez));
+        let inv = lanes::inv_sqrt_of(square.max(SHORTEST_CM * SHORTEST_CM));
+        let length = square * inv;
         let d = [ex * inv, ey * inv, ez * inv];
         let tension = stiffness[l] * length.mul_add(inv_rest_length[l], -1.0);
         let elastic = implicit.elastic * h;

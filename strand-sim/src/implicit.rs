@@ -153,9 +153,9 @@ fn inertia_and_drag(problem: &Problem, p: usize, rhs: &mut [Lane]) -> Symmetric 
         t[c] = lanes::sub(&far[c], &near[c]);
     }
     let norm2 = lanes::dot(&t, &t);
-    let (mut inv, mut across, mut less_along) = (ZERO, ZERO, ZERO);
+    let inv = lanes::inv_sqrt(&norm2);
+    let (mut across, mut less_along) = (ZERO, ZERO);
     for l in 0..LANES {
-        inv[l] = 1.0 / norm2[l].max(f64::MIN_POSITIVE).sqrt();
         across[l] = problem.h * problem.drag_per_s * mass[l];
         less_along[l] = (ALONG_OVER_ACROSS - 1.0) * across[l];
     }

@@ -66,6 +66,12 @@ impl StrandState {
     /// The same strands, positions and velocities, moved rigidly by `to_there`.
     #[must_use]
     pub fn carried(mut self, to_there: &Isometry3<f64>) -> Self {
+        self.carry(to_there);
+        self
+    }
+
+    /// Moves the strands rigidly by `to_there`, as [`Self::carried`], in place.
+    pub fn carry(&mut self, to_there: &Isometry3<f64>) {
         for batch in &mut self.batches {
             for l in 0..LANES {
                 for x in &mut batch.position {
@@ -78,7 +84,6 @@ impl StrandState {
             // Distances to solids were those of the place before.
             batch.clearance.clear();
         }
-        self
     }
 }
 

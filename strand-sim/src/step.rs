@@ -323,7 +323,7 @@ impl StrandSystem {
                 work.move_on(n_rig, h);
             }
         }
-        if work.let_go(&mut state.bearings, h) {
+        if work.let_go(&mut state.bearings, h) && params.contact.solve_torn_again {
             self.solve(batch, state, input, params, elastic, h, params.iterations > 1, work);
         }
     }
@@ -401,7 +401,7 @@ impl StrandSystem {
         // Positions are known, so elastic forces are too: taking them implicitly would count them twice.
         let known = Implicit { elastic: 0.0, geometric: 0.0, least_tension: 0.0 };
         self.solve(batch, state, input, params, known, h, false, work);
-        if work.let_go(&mut state.bearings, h) {
+        if work.let_go(&mut state.bearings, h) && params.contact.solve_torn_again {
             self.solve(batch, state, input, params, known, h, false, work);
         }
     }

@@ -6,6 +6,7 @@
 //! runs of segments that still touch stop relative to the solid where they met it, and at last the strand only gives way. Invariant: with nothing unresolved in the
 //! report, no segment that was free at the start met a surface on its way. MS08 §5.1.
 
+use crate::lanes::{LANES, Lane3};
 use crate::step::{Span, StepInput, Work};
 use crate::system::{Batch, BatchState, StrandSystem, get, set};
 use collision::SolidPose;
@@ -90,9 +91,13 @@ impl StrandSystem {
     ) -> SurfaceReport {
         let topology = &self.topologies[batch.topology];
         let mut report = SurfaceReport::default();
+        let way = box_around(&state.position, &work.next[..topology.n_rig]);
         for body in input.surfaces {
             let pose = SolidPose { from: body.pose.at(span.begin), to: body.pose.at(span.end) };
             let bounds = body.surface.bounds_over(&pose);
+            if !boxes_meet(&way, &bounds) {
+                continue;
+            }
             for lane in (0..batch.strands.len()).filter(|lane| lanes >> lane & 1 != 0) {
                 let strand = &mut work.surface;
                 strand.before.clear();
@@ -268,6 +273,27 @@ impl SurfaceWork {
             first = end + 1;
         }
     }
+}
+
+/// Box around all lanes of a batch at both ends of a substep, cm. Numbers that are not finite meet nothing.
+fn box_around(before: &[Lane3], after: &[Lane3]) -> [Vector3<f64>; 2] {
+    let (mut low, mut high) = ([[f64::INFINITY; LANES]; 3], [[f64::NEG_INFINITY; LANES]; 3]);
+    for x in before.iter().chain(after) {
+        for c in 0..3 {
+            for l in 0..LANES {
+                low[c][l] = low[c][l].min(x[c][l]);
+                high[c][l] = high[c][l].max(x[c][l]);
+            }
+        }
+    }
+    let least = low.map(|of| of.into_iter().fold(f64::INFINITY, f64::min));
+    let most = high.map(|of| of.into_iter().fold(f64::NEG_INFINITY, f64::max));
+    [least.into(), most.into()]
+}
+
+/// Whether two boxes come within a touch of each other.
+fn boxes_meet(a: &[Vector3<f64>; 2], b: &[Vector3<f64>; 2]) -> bool {
+    (0..3).all(|c| a[0][c] <= b[1][c] + TOUCH_CM && b[0][c] <= a[1][c] + TOUCH_CM)
 }
 
 /// Distance that counts as a touch for a segment: less than it starts at. None for one that starts in the surface, which

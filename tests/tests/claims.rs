@@ -1,6 +1,7 @@
 //! What AS16 and MS08 promise, on small scenes.
 
 mod comb_sweeps;
+mod guides;
 mod hair_at_rest_on_solids;
 mod interpolation_check;
 mod mechanics;

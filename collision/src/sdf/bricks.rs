@@ -141,7 +141,9 @@ impl Layout {
         let line = &self.lines[first / LINE].0;
         // No cell of a line begins past the thirteenth value; the mask saves asking.
         let v = &line[first % (LINE / 2)..][..SPAN];
-        CORNERS.map(|c| [v[c], v[c + 1]])
+        let pair = |c: usize| [v[c], v[c + 1]];
+        // Not by `map`, which the compiler leaves as a call.
+        [pair(CORNERS[0]), pair(CORNERS[1]), pair(CORNERS[2]), pair(CORNERS[3])]
     }
 
     #[inline(always)]

@@ -328,7 +328,9 @@ impl SignedDistanceField {
     /// The eight corner values of a cell in quanta: pairs along x, at (y, z) = (0,0), (1,0), (0,1), (1,1).
     #[inline(always)]
     fn corners(&self, first: usize) -> [[f32; 2]; 4] {
-        self.layout.corners(first).map(|pair| pair.map(f32::from))
+        let [a, b, c, d] = self.layout.corners(first);
+        let single = |pair: [i16; 2]| [f32::from(pair[0]), f32::from(pair[1])];
+        [single(a), single(b), single(c), single(d)]
     }
 
     #[inline(always)]

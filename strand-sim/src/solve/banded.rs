@@ -5,7 +5,7 @@
 //! needs no tolerance. Working in blocks keeps nine independent sums in registers; entry by entry the same factorisation
 //! waits on one sum at a time and takes four times as long.
 
-use crate::lanes::{LANES, Lane, ZERO};
+use crate::lanes::{LANES, Lane, ZERO, inv_sqrt_of};
 
 /// A 3×3 block in every lane, row-major.
 pub type Block = [Lane; 9];
@@ -223,7 +223,7 @@ fn factor_block(d: &mut Block) {
 
 #[inline(always)]
 fn inverse_root(pivot: f64) -> f64 {
-    if pivot > 0.0 { 1.0 / pivot.sqrt() } else { -1.0 }
+    if pivot > 0.0 { inv_sqrt_of(pivot) } else { -1.0 }
 }
 
 #[cfg(test)]
