@@ -1,7 +1,7 @@
 //! The entries a host calls, and the only module that trusts a pointer.
 //!
 //! Each entry turns its arguments into references, calls a safe function and writes the result; all of that runs in
-//! [`guarded`]. Null and misaligned pointers are answered with a status; that a pointer otherwise points to what its
+//! `guarded`. Null and misaligned pointers are answered with a status; that a pointer otherwise points to what its
 //! type says is the host's word. The doc comments here are the header's.
 #![allow(unsafe_code, reason = "a C interface is handed pointers; every other module is safe")]
 #![allow(
