@@ -106,17 +106,19 @@ impl AhPose {
 
     /// A pose from the three rows of `[R | t]`.
     pub(crate) fn from_rows(m: &[f32]) -> Result<Self, Error> {
+        if let Some(&value) = m.iter().find(|x| !x.is_finite()) {
+            let (what, value) = ("the matrix", f64::from(value));
+            return Err(Error::Value { what, value, expected: "finite in all its numbers" });
+        }
         let at = |row: usize, column: usize| f64::from(m[4 * row + column]);
         let rotation = Matrix3::from_fn(at);
         // Columns of a rotation are unit vectors at right angles; a mirror is off by two in the determinant alone.
         let by = (rotation.transpose() * rotation - Matrix3::identity()).abs().max().max(1.0 - rotation.determinant());
-        // Also refuses what is not a number: no comparison with it holds.
-        if !(by <= RIGID) {
+        if by > RIGID {
             return Err(Error::NotRigid { by });
         }
         let q = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
-        let pose = Self { translation: [at(0, 3), at(1, 3), at(2, 3)], rotation: [q.i, q.j, q.k, q.w] };
-        pose.isometry("the matrix").map(|_| pose)
+        Ok(Self { translation: [at(0, 3), at(1, 3), at(2, 3)], rotation: [q.i, q.j, q.k, q.w] })
     }
 
     /// The pose as the runtime wants it.
@@ -212,7 +214,9 @@ mod tests {
     fn scales_mirrors_and_numbers_that_are_none_are_no_poses() {
         let identity = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
         assert_eq!(AhPose::from_rows(&identity).unwrap(), AhPose::identity());
-        for (place, value) in [(0, 1.1), (0, -1.0), (1, 0.1), (3, f32::NAN), (5, f32::INFINITY)] {
+        for (place, value) in
+            [(0, 1.1), (0, -1.0), (1, 0.1), (0, f32::NAN), (3, f32::NAN), (4, 3e38), (5, f32::INFINITY)]
+        {
             let mut m = identity;
             m[place] = value;
             assert!(AhPose::from_rows(&m).is_err(), "{value} at {place}");

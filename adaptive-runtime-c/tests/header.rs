@@ -9,11 +9,11 @@ fn the_committed_header_is_what_is_generated() {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(header::HEADER);
     let committed = std::fs::read_to_string(path).unwrap();
     let generated = header::generate();
-    let differs = committed.lines().zip(generated.lines()).position(|(a, b)| a != b);
+    let (lines, all) = (committed.lines(), committed.lines().count().min(generated.lines().count()));
+    let line = lines.zip(generated.lines()).position(|(a, b)| a != b).unwrap_or(all) + 1;
     assert!(
         committed == generated,
-        "{} is out of date from line {}; run `cargo run --release -p adaptive-runtime-c --example header`",
-        header::HEADER,
-        differs.map_or_else(|| committed.lines().count().min(generated.lines().count()), |k| k) + 1
+        "{} is out of date from line {line}; run `cargo run --release -p adaptive-runtime-c --example header`",
+        header::HEADER
     );
 }
