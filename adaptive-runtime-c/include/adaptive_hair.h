@@ -95,7 +95,7 @@ typedef struct AhParams {
     uint32_t two_way;
     // Whether hairs near solids are corrected one by one. Without it, hair between guides passes through thin solids.
     uint32_t residual;
-    // Whether hairs keep apart from each other. Not in this version: must be 0.
+    // Whether hairs keep apart from each other in what is read; a read then costs several times as much.
     uint32_t hair_hair;
     // Worker threads of this hair; 0 for one a core. Results do not depend on it.
     uint32_t n_threads;

@@ -153,9 +153,7 @@ impl AhParams {
     pub(crate) fn runtime_params(&self) -> Result<RuntimeParams, Error> {
         let mut params = preset(self.mode)?;
         params.two_way.enabled = self.two_way != 0;
-        if self.residual == 0 {
-            params.residual.correction = Correction::None;
-        }
+        params.residual.correction = if self.residual == 0 { Correction::None } else { Correction::Carried };
         params.hair_hair.enabled = self.hair_hair != 0;
         Ok(params)
     }
