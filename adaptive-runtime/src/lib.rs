@@ -21,7 +21,7 @@ pub use clusters::Clusters;
 pub use error::Error;
 pub use graph::GuideGraph;
 pub use guides::{material_of, record_of};
-pub use params::{AssignParams, ResidualParams, RuntimeParams, TwoWayParams};
+pub use params::{AssignParams, CliqueRule, EdgeDistance, ResidualParams, RuntimeParams, TwoWayParams, WeightRule};
 pub use runtime::Runtime;
 pub use step::{StepInput, StepReport};
 pub use timings::StageTimings;

@@ -1,6 +1,6 @@
 //! The runtime's state and what a host program sees of it.
 
-use crate::assign::{Scratch, best_set, decode};
+use crate::assign::{Assignment, best_set, decode};
 use crate::clusters::Clusters;
 use crate::error::Error;
 use crate::graph::GuideGraph;
@@ -18,8 +18,6 @@ use strand_sim::Material;
 /// One hair's choice and correction state.
 #[derive(Clone, Debug)]
 pub(crate) struct Strand {
-    /// Index of the guide set within the strand's kept sets.
-    pub set: u16,
     pub active_set: ActiveSet,
     /// Whether the strand carries an offset.
     pub has_offset: bool,
@@ -47,6 +45,9 @@ pub struct Runtime {
     pub(crate) guides: Guides,
     pub(crate) graph: GuideGraph,
     pub(crate) clusters: Clusters,
+    pub(crate) assignment: Assignment,
+    /// Index of each strand's guide set within its kept sets.
+    pub(crate) sets: Vec<u16>,
     pub(crate) strands: Vec<Strand>,
     /// Rest positions: per strand three arrays (x, y, z) of `pad` values; padding repeats the tip.
     pub(crate) rest: Vec<f32>,
@@ -68,10 +69,7 @@ pub struct Runtime {
 /// Buffers of one worker of the strand pass.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Worker {
-    pub scratch: Scratch,
     pub skin: Vec<f32>,
-    pub old_skin: Vec<f32>,
-    pub switches: u32,
 }
 
 impl Runtime {
@@ -101,12 +99,12 @@ impl Runtime {
         let guides = Guides::new(&model, &world_from_head, head.as_ref(), &params.guides)?;
         let graph = GuideGraph::new(&model);
         let clusters = Clusters::new(&graph);
+        let assignment = Assignment::new(&model, &graph);
+        let sets: Vec<u16> = (0..n_strands).map(|s| best_set(&model, s)).collect();
         let strands = (0..n_strands)
             .map(|s| {
-                let set = best_set(&model, s);
-                let active_set = decode(&model, s, set);
+                let active_set = decode(&model, s, sets[s], params.assign.weights);
                 Strand {
-                    set,
                     active_set,
                     has_offset: false,
                     listed: false,
@@ -136,6 +134,8 @@ impl Runtime {
             guides,
             graph,
             clusters,
+            assignment,
+            sets,
             strands,
             rest,
             u: (0..pad).map(|i| i.min(n - 1) as f32 / (n - 1) as f32).collect(),
@@ -229,8 +229,8 @@ impl Runtime {
         for p in self.positions.iter().chain(&self.offset).chain(self.guides.position_in_head()) {
             p.iter().for_each(|x| mix(u64::from(x.to_bits())));
         }
-        for strand in &self.strands {
-            mix(u64::from(strand.set));
+        for &set in &self.sets {
+            mix(u64::from(set));
         }
         hash
     }

@@ -1,10 +1,10 @@
 //! One interactive step: the only place that knows the order of the stages.
 
-use crate::assign::{choose, decode};
+use crate::assign::decode;
 use crate::graph::EdgeRule;
 use crate::hair_contact::{LaneInput, N_FIXED, ResidualInput, get, penalty_forces};
 use crate::interpolate::interpolate;
-use crate::params::TwoWayParams;
+use crate::params::{CliqueRule, TwoWayParams};
 use crate::runtime::{Runtime, Strand, Worker, to_world};
 use crate::timings::{StageTimings, timed};
 use crate::two_way::ContactRow;
@@ -87,18 +87,21 @@ impl Runtime {
             timed(&mut report.timings.graph, || {
                 let rule = EdgeRule {
                     similarity: self.params.assign.similarity,
+                    distance: self.params.assign.edge_distance,
                     avoidance: self.params.assign.avoidance,
                     gap_resolution: self.params.gap_resolution,
                 };
                 let motion = self.guides.motion(&input.world_from_head, &moving);
                 self.graph.update(&self.model, &motion, &moving, rule);
             });
-            timed(&mut report.timings.clusters, || self.clusters.update(&self.graph));
+            if self.params.assign.cliques == CliqueRule::Grown {
+                timed(&mut report.timings.clusters, || self.clusters.update(&self.graph));
+            }
+            report.set_changes = timed(&mut report.timings.assign, || self.assign());
         }
         report.connectivity = self.graph.connectivity();
 
-        report.set_changes =
-            timed(&mut report.timings.assign_interpolate, || self.assign_and_interpolate(input, &moving));
+        timed(&mut report.timings.interpolate, || self.interpolate_and_mark(input, &moving));
         let mut hair_contact = std::time::Duration::ZERO;
         timed(&mut hair_contact, || self.correct(input, &moving, moving_head, &mut report));
         report.timings.hair_contact = hair_contact;
@@ -112,8 +115,40 @@ impl Runtime {
         report
     }
 
-    /// Chooses each hair's set, interpolates it, and marks the hairs to be corrected; returns how many changed set.
-    fn assign_and_interpolate(&mut self, input: &StepInput, moving: &[MovingSolid]) -> u32 {
+    /// Chooses the sets of this step; a hair stays where it is: what the change of set would move it by becomes offset. Returns
+    /// how many hairs changed.
+    fn assign(&mut self) -> u32 {
+        let (n, pad) = (self.n_particles(), self.pad);
+        let changes = self.assignment.update(
+            &self.model,
+            &self.graph,
+            &self.clusters,
+            &self.guides.arrays,
+            &self.params.assign,
+            self.step_number,
+            &self.sets,
+        );
+        let (mut before, mut after) = (vec![0.0; 3 * pad], vec![0.0; 3 * pad]);
+        for change in changes {
+            let s = change.strand as usize;
+            let rest = &self.rest[s * 3 * pad..(s + 1) * 3 * pad];
+            let strand = &mut self.strands[s];
+            interpolate(rest, &self.u, &strand.active_set, &self.guides.arrays, &mut before);
+            self.sets[s] = change.set;
+            strand.active_set = decode(&self.model, s, change.set, self.params.assign.weights);
+            interpolate(rest, &self.u, &strand.active_set, &self.guides.arrays, &mut after);
+            for i in N_FIXED..n {
+                for c in 0..3 {
+                    self.offset[s * n + i][c] += before[c * pad + i] - after[c * pad + i];
+                }
+            }
+            strand.has_offset = true;
+        }
+        changes.len() as u32
+    }
+
+    /// Interpolates each hair and marks those to be corrected.
+    fn interpolate_and_mark(&mut self, input: &StepInput, moving: &[MovingSolid]) {
         let n = self.n_particles();
         let n_strands = self.strands.len();
         let n_workers = (8 * rayon::current_num_threads()).min(n_strands.max(1));
@@ -122,16 +157,12 @@ impl Runtime {
             self.workers.resize_with(n_workers, Worker::default);
         }
         let pass = Pass {
-            model: &self.model,
             params: &self.params,
-            graph: &self.graph,
-            clusters: &self.clusters,
             transforms: &self.guides.arrays,
             rest: &self.rest,
             u: &self.u,
             pad: self.pad,
             previous: &self.previous,
-            step_number: self.step_number,
             moving,
             world_from_head: input.world_from_head,
             moved_by_solids: moving.iter().map(MovingSolid::max_displacement).fold(0.0, f64::max) as f32,
@@ -143,14 +174,11 @@ impl Runtime {
             .zip(self.workers.par_iter_mut())
             .enumerate()
             .for_each(|(chunk, (((strands, positions), offsets), worker))| {
-                worker.switches = 0;
                 for (k, strand) in strands.iter_mut().enumerate() {
                     let of = k * n..(k + 1) * n;
                     pass.strand(chunk * slice + k, strand, &mut positions[of.clone()], &mut offsets[of], worker);
                 }
             });
-        let n_used = n_strands.div_ceil(slice);
-        self.workers[..n_used].iter().map(|w| w.switches).sum()
     }
 
     /// Interpolates every strand from its current set at the guides' current state; no correction.
@@ -311,16 +339,12 @@ fn lane_is_finite(values: &[Lane3], lane: usize) -> bool {
 
 /// What the pass over strands reads.
 struct Pass<'a> {
-    model: &'a SkinningModel,
     params: &'a crate::params::RuntimeParams,
-    graph: &'a crate::graph::GuideGraph,
-    clusters: &'a crate::clusters::Clusters,
     transforms: &'a crate::interpolate::TransformArrays,
     rest: &'a [f32],
     u: &'a [f32],
     pad: usize,
     previous: &'a [[f32; 3]],
-    step_number: u64,
     moving: &'a [MovingSolid<'a>],
     world_from_head: Isometry3<f64>,
     moved_by_solids: f32,
@@ -339,41 +363,7 @@ impl Pass<'_> {
         let pad = self.pad;
         let rest = &self.rest[s * 3 * pad..(s + 1) * 3 * pad];
         worker.skin.resize(3 * pad, 0.0);
-        let assign = &self.params.assign;
-        if assign.adapt {
-            let period = u64::from(assign.growth_period);
-            let may_grow = (self.step_number + s as u64).is_multiple_of(period);
-            let chosen = choose(
-                self.model,
-                s,
-                strand.set,
-                self.graph,
-                self.clusters,
-                self.transforms,
-                assign,
-                may_grow,
-                &mut worker.scratch,
-            );
-            if let Some(set) = chosen {
-                worker.old_skin.resize(3 * pad, 0.0);
-                interpolate(rest, self.u, &strand.active_set, self.transforms, &mut worker.old_skin);
-                strand.set = set;
-                strand.active_set = decode(self.model, s, set);
-                interpolate(rest, self.u, &strand.active_set, self.transforms, &mut worker.skin);
-                // The hair stays where it is: what the change of set would move it by becomes offset.
-                for i in N_FIXED..n {
-                    for c in 0..3 {
-                        offset[i][c] += worker.old_skin[c * pad + i] - worker.skin[c * pad + i];
-                    }
-                }
-                strand.has_offset = true;
-                worker.switches += 1;
-            } else {
-                interpolate(rest, self.u, &strand.active_set, self.transforms, &mut worker.skin);
-            }
-        } else {
-            interpolate(rest, self.u, &strand.active_set, self.transforms, &mut worker.skin);
-        }
+        interpolate(rest, self.u, &strand.active_set, self.transforms, &mut worker.skin);
         let mut moved: f32 = 0.0;
         for i in 0..n {
             let p = to_world(&self.world_from_head, [worker.skin[i], worker.skin[pad + i], worker.skin[2 * pad + i]]);

@@ -11,8 +11,10 @@ pub struct StageTimings {
     pub graph: Duration,
     /// Cliques.
     pub clusters: Duration,
-    /// Choice of sets and interpolation, strand by strand in one pass.
-    pub assign_interpolate: Duration,
+    /// Choice of sets.
+    pub assign: Duration,
+    /// Interpolation.
+    pub interpolate: Duration,
     /// Residual correction of strands near solids.
     pub hair_contact: Duration,
     /// Effective forces on guides.
@@ -22,12 +24,13 @@ pub struct StageTimings {
 impl StageTimings {
     /// Stage names and seconds, in the order of a step.
     #[must_use]
-    pub fn named(&self) -> [(&'static str, f64); 6] {
+    pub fn named(&self) -> [(&'static str, f64); 7] {
         [
             ("guide_sim", self.guide_sim.as_secs_f64()),
             ("graph", self.graph.as_secs_f64()),
             ("clusters", self.clusters.as_secs_f64()),
-            ("assign_interpolate", self.assign_interpolate.as_secs_f64()),
+            ("assign", self.assign.as_secs_f64()),
+            ("interpolate", self.interpolate.as_secs_f64()),
             ("hair_contact", self.hair_contact.as_secs_f64()),
             ("two_way", self.two_way.as_secs_f64()),
         ]
@@ -38,7 +41,8 @@ impl StageTimings {
         self.guide_sim += other.guide_sim;
         self.graph += other.graph;
         self.clusters += other.clusters;
-        self.assign_interpolate += other.assign_interpolate;
+        self.assign += other.assign;
+        self.interpolate += other.interpolate;
         self.hair_contact += other.hair_contact;
         self.two_way += other.two_way;
     }

@@ -99,10 +99,7 @@ pub fn strand_ribbon_keeps_clear(
         1 => segment_keeps_clear(sdf, i[0], j[0], clearance, resolution),
         2 => ribbon_keeps_clear(sdf, [i[0], j[0], i[1], j[1]], clearance, resolution),
         _ => {
-            let sum: Vector3<f32> = i.iter().chain(j).sum();
-            let middle = sum / (2 * n) as f32;
-            let radius = farthest(&middle, i).max(farthest(&middle, j));
-            if proven_distance(sdf, sdf.distance(middle)) > radius + clearance {
+            if dismissed(sdf, i, j, clearance) {
                 return true;
             }
             // The middle rung belongs to both halves.
@@ -110,6 +107,95 @@ pub fn strand_ribbon_keeps_clear(
             strand_ribbon_keeps_clear(sdf, &i[..=m], &j[..=m], clearance, resolution)
                 && strand_ribbon_keeps_clear(sdf, &i[m..], &j[m..], clearance, resolution)
         }
+    }
+}
+
+/// Whether a range of rungs is proven clear by its bounding ball.
+fn dismissed(sdf: &SignedDistanceField, i: &[Vector3<f32>], j: &[Vector3<f32>], clearance: f32) -> bool {
+    let sum: Vector3<f32> = i.iter().chain(j).sum();
+    let middle = sum / (2 * i.len()) as f32;
+    let radius = farthest(&middle, i).max(farthest(&middle, j));
+    proven_distance(sdf, sdf.distance(middle)) > radius + clearance
+}
+
+/// Whether [`strand_ribbon_keeps_clear`], clearance zero, finds nothing at the ribbon from `rung` to the next: by a bounding ball of rungs
+/// that it belongs to, or by its own test. The strands' answer is that of all their rungs, in any order.
+///
+/// # Panics
+/// If there is no such rung.
+pub fn rung_is_free(
+    sdf: &SignedDistanceField,
+    strand_i: &[Vector3<f32>],
+    strand_j: &[Vector3<f32>],
+    rung: usize,
+    resolution: f32,
+) -> bool {
+    let n = strand_i.len().min(strand_j.len());
+    assert!(rung + 1 < n, "rung {rung} of {n} particles");
+    let corners = [strand_i[rung], strand_j[rung], strand_i[rung + 1], strand_j[rung + 1]];
+    // Most rungs asked for are free by themselves; the balls are looked at only where one is not.
+    if ribbon_is_free(sdf, corners, resolution) {
+        return true;
+    }
+    let (mut low, mut high) = (0, n);
+    while high - low > 2 {
+        if dismissed(sdf, &strand_i[low..high], &strand_j[low..high], 0.0) {
+            return true;
+        }
+        let middle = low + (high - low) / 2;
+        if rung < middle {
+            high = middle + 1;
+        } else {
+            low = middle;
+        }
+    }
+    false
+}
+
+/// What lets a decision of the check stand while things move: how far from the surface a ribbon is surely called free, and how deep
+/// a point of it makes it surely blocked.
+///
+/// The field's underlying distance changes by at most a centimetre a centimetre, and a sample differs from it by at most the mean
+/// distance to the nodes it is made of, `sqrt(0.75)` cells. The check calls every piece free in whose middle it proves more than a
+/// quarter of a cell; that is so where the distance is more than twice a cell and a little.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Standing {
+    /// cm; infinite where the field has too narrow a band of exact nodes to say.
+    pub surely_free: f32,
+    /// Signed distance (cm) of a sample at or below which the place is inside.
+    pub surely_inside: f32,
+}
+
+/// `sqrt(0.75)` and a hundredth of a cell for the rounding of stored values.
+const SPREAD_CELLS: f32 = 0.88;
+
+/// `SPREAD_CELLS + sqrt(2) * sqrt(0.75 + 1/16)` and a tenth of a cell; the first root because outside the grid a distance is made
+/// of two legs.
+const SURELY_FREE_CELLS: f32 = 2.3;
+
+impl Standing {
+    /// What holds in this field.
+    pub fn of(sdf: &SignedDistanceField) -> Self {
+        /// Exact nodes that the argument needs, in cells, and what rounding leaves of two.
+        const BAND_CELLS: f32 = 1.99;
+        let cell = sdf.cell();
+        let diagonal = sdf.bounds().size().norm();
+        // Stored values are 16 bits of at most the diagonal, rounded down.
+        let round_off = 2.0 * sdf.round_off(diagonal) + diagonal / 16384.0;
+        let surely_free =
+            if sdf.band() >= BAND_CELLS * cell { SURELY_FREE_CELLS * cell + round_off } else { f32::INFINITY };
+        Self { surely_free, surely_inside: -SPREAD_CELLS * cell - round_off }
+    }
+
+    /// How far (cm) each point of a ball may move before the check might call a ribbon there blocked; not positive where that is not known.
+    #[inline]
+    pub fn budget(&self, sdf: &SignedDistanceField, middle: Vector3<f32>, radius: f32) -> f32 {
+        /// [`SPREAD_CELLS`] for blocks of eight cells.
+        const FAR_SPREAD_CELLS: f32 = 7.1;
+        let d = sdf.distance(middle);
+        let near = d - SPREAD_CELLS * sdf.cell();
+        let surely = if near <= sdf.band() { near } else { (d - FAR_SPREAD_CELLS * sdf.cell()).max(sdf.band()) };
+        surely - sdf.round_off(d) - radius - self.surely_free
     }
 }
 
