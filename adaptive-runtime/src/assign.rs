@@ -251,12 +251,13 @@ impl Assignment {
 /// Hairs worth another worker.
 const LEAST_PER_WORKER: usize = 64;
 
-/// Whether a hair may try to grow in a step: hairs take turns.
+/// Whether a hair may try to grow in a step: hairs take turns. The plain form of [`turn_of_word`].
+#[cfg(test)]
 fn is_turn(step_number: u64, strand: u64, period: u32) -> bool {
     (step_number + strand).is_multiple_of(u64::from(period))
 }
 
-/// [`is_turn`] for the 64 hairs of a word.
+/// Which of the 64 hairs of a word may try to grow in a step: hair `s` where `step_number + s` is a multiple of the period.
 fn turn_of_word(step_number: u64, word: usize, period: u32) -> u64 {
     let period = u64::from(period);
     let first = (period - (step_number + 64 * word as u64) % period) % period;

@@ -7,6 +7,8 @@
 
 mod gap;
 mod similarity;
+#[cfg(test)]
+mod tests;
 
 use crate::params::EdgeDistance;
 use collision::MovingSolid;
@@ -211,6 +213,20 @@ impl GuideGraph {
                 self.n_connected -= 1;
             }
         }
+    }
+}
+
+#[cfg(test)]
+impl GuideGraph {
+    /// Makes the edges those given, as an update would.
+    pub(crate) fn set_edges(&mut self, model: &SkinningModel, edges: &[bool]) {
+        self.flipped.clear();
+        self.flipped.extend((0..edges.len()).filter(|&k| edges[k] != self.connected[k]).map(|k| k as u32));
+        for at in 0..self.flipped.len() {
+            self.toggle(model.pairs[self.flipped[at] as usize]);
+        }
+        self.connected.copy_from_slice(edges);
+        self.n_connected = edges.iter().filter(|&&e| e).count();
     }
 }
 

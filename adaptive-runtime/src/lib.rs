@@ -14,6 +14,8 @@ mod interpolate;
 mod params;
 mod runtime;
 mod step;
+#[cfg(test)]
+mod test_model;
 mod timings;
 mod two_way;
 
