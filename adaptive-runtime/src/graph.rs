@@ -3,7 +3,7 @@
 //! Only pairs that are eligible together for some hair need an edge. Motion is compared in the head frame, so a fast turn
 //! of the whole head disconnects nothing, with a second, larger threshold for letting go. An update tells which edges
 //! changed; what the interpolation check knows is kept from step to step ([`gap`]), its decisions are those of testing
-//! every ribbon anew.
+//! every ribbon anew, unless that is spread over several steps.
 
 mod gap;
 mod similarity;
@@ -40,6 +40,7 @@ pub struct GuideGraph {
     flipped: Vec<u32>,
     packed: PackedMotion,
     gap: GapCheck,
+    n_updates: u64,
 }
 
 /// What an edge needs.
@@ -50,6 +51,8 @@ pub(crate) struct EdgeRule {
     pub avoidance: bool,
     /// Resolution of the interpolation check as a multiple of a solid's least half-thickness.
     pub gap_resolution: f32,
+    /// Steps between full looks at a pair that is neither surely free nor surely blocked; pairs take turns.
+    pub gap_period: u32,
 }
 
 /// Positions and velocities of all guides, guide-major, `n_particles` each.
@@ -92,6 +95,7 @@ impl GuideGraph {
             flipped: Vec::with_capacity(model.pairs.len()),
             packed: PackedMotion::default(),
             gap: GapCheck::default(),
+            n_updates: 0,
         };
         model.pairs.iter().for_each(|&pair| graph.toggle(pair));
         graph
@@ -153,6 +157,8 @@ impl GuideGraph {
         solids: &[MovingSolid],
         rule: EdgeRule,
     ) {
+        let update = self.n_updates;
+        self.n_updates += 1;
         let solids = if rule.avoidance { solids } else { &[] };
         self.packed.pack(motion);
         let packed = &self.packed;
@@ -177,9 +183,10 @@ impl GuideGraph {
                 let pair = model.pairs[block * BLOCK + k];
                 let known = &mut known[k * n_known..(k + 1) * n_known];
                 let expiry = &mut expiry[k * n_expiry..(k + 1) * n_expiry];
+                let is_turn = (update + (block * BLOCK + k) as u64).is_multiple_of(u64::from(rule.gap_period));
                 gap.count(pair, known, expiry);
                 // The check first: most pairs it settles in less time than their distance takes.
-                let now = gap.is_free(pair, known, expiry) && {
+                let now = gap.is_free(pair, known, expiry, is_turn) && {
                     *distance = measure(model, block * BLOCK + k, packed, motion, rule.distance);
                     is_similar(model, *distance, *connected, rule)
                 };

@@ -108,6 +108,9 @@ pub struct RuntimeParams {
     pub residual: ResidualParams,
     /// Resolution of the interpolation check, as a multiple of a solid's least half-thickness.
     pub gap_resolution: f32,
+    /// Steps between full interpolation checks of a pair that is neither surely free nor surely blocked, pairs taking turns: one decides
+    /// every pair in every step.
+    pub gap_period: u32,
 }
 
 impl RuntimeParams {
@@ -144,6 +147,7 @@ impl RuntimeParams {
                 rest_cm: 1e-4,
             },
             gap_resolution: 0.5,
+            gap_period: 1,
         }
     }
 
@@ -204,6 +208,9 @@ impl RuntimeParams {
         let bad = |name, value, expected| Err(Error::BadParameter { name, value, expected });
         if self.residual.max_substeps == 0 {
             return bad("residual.max_substeps", 0.0, "at least one");
+        }
+        if self.gap_period == 0 {
+            return bad("gap_period", 0.0, "at least one");
         }
         if self.assign.growth_period == 0 {
             return bad("assign.growth_period", 0.0, "at least one");

@@ -90,6 +90,7 @@ impl Runtime {
                     distance: self.params.assign.edge_distance,
                     avoidance: self.params.assign.avoidance,
                     gap_resolution: self.params.gap_resolution,
+                    gap_period: self.params.gap_period,
                 };
                 let motion = self.guides.motion(&input.world_from_head, &moving);
                 self.graph.update(&self.model, &motion, &moving, rule);
