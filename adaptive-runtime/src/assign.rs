@@ -1,23 +1,34 @@
 //! Choice of a guide set for each hair (AS16 §4.3), on masks over its at most nine eligible guides.
 //!
-//! A set whose members no longer form a clique is left for the candidate that moves the hair least. AS16 Eq. (3) to the
+//! A set whose members no longer form a clique is left, for the candidate that moves the hair least. AS16 Eq. (3) to the
 //! letter then never leaves a set while it is a clique, so hairs drift to single guides for good; here a set also grows
-//! back, to one that trained better and moves the hair little (docs/DEVIATIONS.md). Either way the jump is handed to the
-//! residual, which fades it out.
+//! back, to one that trained better and moves the hair little (docs/DEVIATIONS.md). Either way the caller makes of the jump
+//! an offset that fades. Driven by events: only hairs whose set an edge's loss broke, and those that want to grow and whose
+//! turn it is, are looked at; what is chosen is what looking at all of them would choose.
+
+mod cliques;
+mod distance_weights;
+mod index;
+mod letter;
+mod shift;
+#[cfg(test)]
+mod tests;
 
 use crate::clusters::Clusters;
 use crate::graph::GuideGraph;
 use crate::interpolate::{ActiveSet, TransformArrays};
-use crate::params::AssignParams;
-use io_formats::skinning_model::{MAX_ELIGIBLE, SkinningModel};
+use crate::params::{AssignParams, CliqueRule, WeightRule};
+use cliques::{LocalGraph, bits};
+use index::PairIndex;
+use io_formats::skinning_model::{SkinningModel, StrandSets};
+use rayon::prelude::*;
+use shift::{Lanes, Shift};
 
-/// Buffers of one worker.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Scratch {
-    /// The hair carried rigidly by each eligible guide, `n_particles` each, head frame.
-    carried: Vec<[f32; 3]>,
-    current: Vec<[f32; 3]>,
-    masks: Vec<u16>,
+/// A hair's new set: its index within the hair's kept sets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct SetChange {
+    pub strand: u32,
+    pub set: u16,
 }
 
 /// Set of a hair within its kept sets when all its guides may be used: the best-trained one.
@@ -27,166 +38,330 @@ pub(crate) fn best_set(model: &SkinningModel, strand: usize) -> u16 {
 }
 
 /// Decodes a hair's kept set for interpolation.
-pub(crate) fn decode(model: &SkinningModel, strand: usize, set: u16) -> ActiveSet {
+pub(crate) fn decode(model: &SkinningModel, strand: usize, set: u16, weights: WeightRule) -> ActiveSet {
     let eligible = model.eligible_of(strand);
-    let first = model.set_start[strand] as usize;
-    let mask = model.set_mask[first + usize::from(set)];
+    let at = model.set_start[strand] as usize + usize::from(set);
     let mut out = ActiveSet::EMPTY;
-    let bits = (0..eligible.len()).filter(|b| mask >> b & 1 == 1);
-    for (slot, (bit, weights)) in bits.zip(model.weights_of_set(first + usize::from(set))).enumerate() {
+    for (slot, bit) in bits(model.set_mask[at]).enumerate() {
         out.guides[slot] = eligible[bit];
-        out.weights[slot] = weights;
         out.n = slot as u8 + 1;
+    }
+    match weights {
+        WeightRule::Trained => out.weights.iter_mut().zip(model.weights_of_set(at)).for_each(|(w, of)| *w = of),
+        WeightRule::Distance => {
+            out.weights = distance_weights::distance_weights(model, strand, &out.guides[..usize::from(out.n)]);
+        }
     }
     out
 }
 
-/// The set a hair should use from now on, or `None` to keep the current one.
-/// Implements AS16 Algorithm 1 lines 16-23 and Eq. (3), states compared by position.
-pub(crate) fn choose(
-    model: &SkinningModel,
-    strand: usize,
-    current: u16,
-    graph: &GuideGraph,
-    clusters: &Clusters,
-    transforms: &TransformArrays,
-    params: &AssignParams,
-    may_grow: bool,
-    scratch: &mut Scratch,
-) -> Option<u16> {
-    let sets = model.sets_of(strand);
-    let eligible = model.eligible_of(strand);
-    let current_mask = sets.masks[usize::from(current)];
-    let holds = is_clique(current_mask, eligible, graph);
-    if holds && (!may_grow || params.growth_tolerance_cm < 0.0 || current == sets.stand_in[sets.stand_in.len() - 1]) {
-        return None;
-    }
-    collect_masks(eligible, graph, clusters, &mut scratch.masks);
-    if holds {
-        // Growing back: only cliques that contain the current set, and of each only its best-trained set.
-        let trained = sets.rms_error_cm[usize::from(current)];
-        let mut best: Option<(f32, u16)> = None;
-        for &mask in scratch.masks.iter().filter(|&&m| m & current_mask == current_mask) {
-            let candidate = sets.stand_in[usize::from(mask) - 1];
-            let error = sets.rms_error_cm[usize::from(candidate)];
-            if error < best.map_or(trained, |(e, _)| e) {
-                best = Some((error, candidate));
+/// What a step's choices read.
+#[derive(Clone, Copy)]
+struct Choosing<'a> {
+    model: &'a SkinningModel,
+    graph: &'a GuideGraph,
+    clusters: &'a Clusters,
+    transforms: &'a TransformArrays,
+    params: &'a AssignParams,
+    lanes: &'a Lanes,
+}
+
+/// One hair as its choice sees it.
+struct Hair<'a> {
+    graph: &'a GuideGraph,
+    eligible: &'a [u16],
+    sets: StrandSets<'a>,
+}
+
+/// Buffers of one hair's choice.
+#[derive(Clone, Debug, Default)]
+struct Choice {
+    /// Sets to choose from, and how far each moves the hair, cm.
+    candidates: Vec<u16>,
+    moves: Vec<f32>,
+    masks: Vec<u16>,
+    shift: Shift,
+}
+
+/// What came of looking at a hair.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Outcome {
+    Change(u16),
+    /// Nothing better is there until an edge appears.
+    Content,
+    /// A better set would move the hair too far for now.
+    Wanting,
+}
+
+/// Results of one worker.
+#[derive(Clone, Debug, Default)]
+struct Worker {
+    changes: Vec<SetChange>,
+    content: Vec<u32>,
+    choice: Choice,
+}
+
+/// Finds the hairs to look at in each step; buffers are kept from step to step.
+#[derive(Clone, Debug)]
+pub(crate) struct Assignment {
+    index: PairIndex,
+    lanes: Lanes,
+    /// Mask of each hair's present set.
+    mask: Vec<u16>,
+    /// One bit per hair: its set lost an edge.
+    broken: Vec<u64>,
+    /// One bit per hair: a better set may be there.
+    wanting: Vec<u64>,
+    /// One bit per hair: it has the best set there is.
+    best: Vec<u64>,
+    due: Vec<u32>,
+    workers: Vec<Worker>,
+    changes: Vec<SetChange>,
+}
+
+impl Assignment {
+    /// For hairs that all have their [`best_set`], all edges there.
+    pub fn new(model: &SkinningModel, graph: &GuideGraph) -> Self {
+        let n = model.n_strands as usize;
+        let words = n.div_ceil(64);
+        let mask = (0..n).map(|s| model.sets_of(s).masks[usize::from(best_set(model, s))]).collect();
+        let mut assignment = Self {
+            index: PairIndex::new(model),
+            lanes: Lanes::new(model.n_particles as usize, crate::interpolate::padded(model.n_particles as usize)),
+            mask,
+            broken: vec![0; words],
+            wanting: vec![0; words],
+            best: vec![0; words],
+            due: Vec::new(),
+            workers: Vec::new(),
+            changes: Vec::new(),
+        };
+        for s in 0..n {
+            assignment.best[s / 64] |= 1 << (s % 64);
+            // A set of guides that no pair of the model joins is none.
+            if !LocalGraph::of(graph, model.eligible_of(s)).is_clique(assignment.mask[s]) {
+                assignment.broken[s / 64] |= 1 << (s % 64);
             }
         }
-        let (_, candidate) = best?;
-        carry_by_all(model, strand, transforms, scratch);
-        blend(model, strand, current, scratch);
-        let shift = shift_cm(model, strand, candidate, scratch);
-        return (shift <= params.growth_tolerance_cm).then_some(candidate);
+        assignment
     }
-    carry_by_all(model, strand, transforms, scratch);
-    blend(model, strand, current, scratch);
-    let allowed = |mask: u16, masks: &[u16]| masks.iter().any(|m| m & mask == mask);
-    let mut least = f32::INFINITY;
-    for (k, &mask) in sets.masks.iter().enumerate() {
-        if allowed(mask, &scratch.masks) {
-            least = least.min(shift_cm(model, strand, k as u16, scratch));
-        }
-    }
-    let mut best: Option<(f32, u16)> = None;
-    for (k, &mask) in sets.masks.iter().enumerate() {
-        let error = sets.rms_error_cm[k];
-        if allowed(mask, &scratch.masks)
-            && best.is_none_or(|(e, _)| error < e)
-            && shift_cm(model, strand, k as u16, scratch) <= least + params.cost_tolerance_cm
-        {
-            best = Some((error, k as u16));
-        }
-    }
-    best.map(|(_, k)| k)
-}
 
-fn is_clique(mask: u16, eligible: &[u16], graph: &GuideGraph) -> bool {
-    let of = |bit: usize| usize::from(eligible[bit]);
-    (0..eligible.len())
-        .filter(|a| mask >> a & 1 == 1)
-        .all(|a| (0..a).filter(|b| mask >> b & 1 == 1).all(|b| graph.has_edge(of(a), of(b))))
-}
+    /// Hairs that change their set, ascending: the caller is to apply all of them to `sets`, which holds each hair's present one.
+    /// To be called once after each update of the graph.
+    pub fn update(
+        &mut self,
+        model: &SkinningModel,
+        graph: &GuideGraph,
+        clusters: &Clusters,
+        transforms: &TransformArrays,
+        params: &AssignParams,
+        step_number: u64,
+        sets: &[u16],
+    ) -> &[SetChange] {
+        self.mark(graph);
+        self.collect_due(params, step_number);
+        let choosing = Choosing { model, graph, clusters, transforms, params, lanes: &self.lanes };
+        let n_workers = (4 * rayon::current_num_threads()).min(self.due.len().div_ceil(LEAST_PER_WORKER)).max(1);
+        let share = self.due.len().div_ceil(n_workers).max(1);
+        if self.workers.len() < n_workers {
+            self.workers.resize_with(n_workers, Worker::default);
+        }
+        for worker in &mut self.workers {
+            worker.changes.clear();
+            worker.content.clear();
+        }
+        let look = |(due, worker): (&[u32], &mut Worker)| {
+            for &strand in due {
+                match choosing.look_at(strand as usize, sets[strand as usize], &mut worker.choice) {
+                    Outcome::Change(set) => worker.changes.push(SetChange { strand, set }),
+                    Outcome::Content => worker.content.push(strand),
+                    Outcome::Wanting => {}
+                }
+            }
+        };
+        if n_workers == 1 {
+            look((&self.due, &mut self.workers[0]));
+        } else {
+            self.due.par_chunks(share).zip(self.workers.par_iter_mut()).for_each(look);
+        }
+        self.changes.clear();
+        for worker in &self.workers {
+            for &strand in &worker.content {
+                self.wanting[strand as usize / 64] &= !(1 << (strand % 64));
+            }
+            for &change in &worker.changes {
+                let s = change.strand as usize;
+                let bit = 1 << (s % 64);
+                self.mask[s] = model.sets_of(s).masks[usize::from(change.set)];
+                if change.set == best_set(model, s) {
+                    self.best[s / 64] |= bit;
+                    self.wanting[s / 64] &= !bit;
+                } else {
+                    self.best[s / 64] &= !bit;
+                    self.wanting[s / 64] |= bit;
+                }
+            }
+            self.changes.extend_from_slice(&worker.changes);
+        }
+        &self.changes
+    }
 
-/// The hair's share of every cluster: distinct masks over its eligible guides, ascending.
-fn collect_masks(eligible: &[u16], graph: &GuideGraph, clusters: &Clusters, masks: &mut Vec<u16>) {
-    masks.clear();
-    for &e in eligible {
-        let e = usize::from(e);
-        // A cluster holding this guide grew around it or around one that may be its neighbour.
-        for center in std::iter::once(e).chain(graph.candidates(e).iter().map(|&(g, _)| usize::from(g))) {
-            if clusters.contains(center, e) {
-                let mask = eligible
-                    .iter()
-                    .enumerate()
-                    .filter(|&(_, &g)| clusters.contains(center, usize::from(g)))
-                    .fold(0, |m, (b, _)| m | 1 << b);
-                masks.push(mask);
+    /// Takes over the graph's changes: a lost edge breaks the sets that use it, a new one lets hairs want more.
+    fn mark(&mut self, graph: &GuideGraph) {
+        for &pair in graph.flipped() {
+            if graph.is_connected(pair) {
+                for (s, _) in self.index.strands_of(pair) {
+                    let (word, bit) = (s as usize / 64, 1 << (s % 64));
+                    self.wanting[word] |= bit & !self.best[word];
+                }
+            } else {
+                for (s, both) in self.index.strands_of(pair) {
+                    let broken = u64::from(self.mask[s as usize] & both == both);
+                    self.broken[s as usize / 64] |= broken << (s % 64);
+                }
             }
         }
     }
-    masks.sort_unstable();
-    masks.dedup();
-}
 
-fn carry_by_all(model: &SkinningModel, strand: usize, transforms: &TransformArrays, scratch: &mut Scratch) {
-    let rest = model.rest_of(strand);
-    let pad = transforms.pad;
-    scratch.carried.clear();
-    for &guide in model.eligible_of(strand) {
-        let t = transforms.of_guide(usize::from(guide));
-        for (i, r) in rest.iter().enumerate() {
-            let at = |k: usize| t[k * pad + i];
-            scratch.carried.push(std::array::from_fn(|c| {
-                r[c] + (at(3 * c) * r[0] + at(3 * c + 1) * r[1] + at(3 * c + 2) * r[2] + at(9 + c))
-            }));
-        }
-    }
-}
-
-fn blend(model: &SkinningModel, strand: usize, set: u16, scratch: &mut Scratch) {
-    let n = model.n_particles as usize;
-    let mut current = std::mem::take(&mut scratch.current);
-    current.clear();
-    current.resize(n, [0.0; 3]);
-    blend_into(model, strand, set, &scratch.carried, |i, p| current[i] = p);
-    scratch.current = current;
-}
-
-/// RMS distance between the hair under `set` and under the current one, cm: the cost of AS16 Eq. (3).
-fn shift_cm(model: &SkinningModel, strand: usize, set: u16, scratch: &Scratch) -> f32 {
-    let mut sum = 0.0;
-    blend_into(model, strand, set, &scratch.carried, |i, p| {
-        let q = scratch.current[i];
-        sum += (p[0] - q[0]).powi(2) + (p[1] - q[1]).powi(2) + (p[2] - q[2]).powi(2);
-    });
-    (sum / model.n_particles as f32).sqrt()
-}
-
-fn blend_into(
-    model: &SkinningModel,
-    strand: usize,
-    set: u16,
-    carried: &[[f32; 3]],
-    mut sink: impl FnMut(usize, [f32; 3]),
-) {
-    let n = model.n_particles as usize;
-    let first = model.set_start[strand] as usize;
-    let mask = model.set_mask[first + usize::from(set)];
-    let active = decode(model, strand, set);
-    let mut bits = [0; MAX_ELIGIBLE];
-    for (slot, bit) in (0..MAX_ELIGIBLE).filter(|b| mask >> b & 1 == 1).enumerate() {
-        bits[slot] = bit;
-    }
-    for i in 0..n {
-        let weights = active.weights_at(i as f32 / (n - 1) as f32);
-        let mut p = [0.0; 3];
-        for slot in 0..usize::from(active.n) {
-            let c = carried[bits[slot] * n + i];
-            for k in 0..3 {
-                p[k] += weights[slot] * c[k];
+    fn collect_due(&mut self, params: &AssignParams, step_number: u64) {
+        self.due.clear();
+        let grows = params.growth_tolerance_cm >= 0.0;
+        for word in 0..self.broken.len() {
+            let wanting = match params.cliques {
+                CliqueRule::Local => self.wanting[word],
+                // Grown cliques change with motion alone.
+                CliqueRule::Grown => !self.best[word],
+            };
+            let mut due = self.broken[word];
+            self.broken[word] = 0;
+            if grows && wanting != 0 {
+                due |= wanting & turn_of_word(step_number, word, params.growth_period);
+            }
+            while due != 0 {
+                let s = (word * 64) as u32 + due.trailing_zeros();
+                due &= due - 1;
+                if (s as usize) < self.mask.len() {
+                    self.due.push(s);
+                }
             }
         }
-        sink(i, p);
+    }
+}
+
+/// Hairs worth another worker.
+const LEAST_PER_WORKER: usize = 64;
+
+/// Whether a hair may try to grow in a step: hairs take turns. The plain form of [`turn_of_word`].
+#[cfg(test)]
+fn is_turn(step_number: u64, strand: u64, period: u32) -> bool {
+    (step_number + strand).is_multiple_of(u64::from(period))
+}
+
+/// Which of the 64 hairs of a word may try to grow in a step: hair `s` where `step_number + s` is a multiple of the period.
+fn turn_of_word(step_number: u64, word: usize, period: u32) -> u64 {
+    let period = u64::from(period);
+    let first = (period - (step_number + 64 * word as u64) % period) % period;
+    let mut turns = 0;
+    let mut bit = first;
+    while bit < 64 {
+        turns |= 1 << bit;
+        bit += period;
+    }
+    turns
+}
+
+impl Choosing<'_> {
+    fn look_at(&self, strand: usize, current: u16, choice: &mut Choice) -> Outcome {
+        let hair =
+            Hair { graph: self.graph, eligible: self.model.eligible_of(strand), sets: self.model.sets_of(strand) };
+        let local = LocalGraph::of(self.graph, hair.eligible);
+        let mask = hair.sets.masks[usize::from(current)];
+        if local.is_clique(mask) {
+            self.grow(strand, current, &hair, &local, choice)
+        } else {
+            self.leave(strand, current, &hair, &local, choice)
+        }
+    }
+
+    /// A better-trained set of those that stand in for a clique around the present set, if it moves the hair little.
+    fn grow(&self, strand: usize, current: u16, hair: &Hair, local: &LocalGraph, choice: &mut Choice) -> Outcome {
+        if self.params.growth_tolerance_cm < 0.0 {
+            return Outcome::Content;
+        }
+        let sets = &hair.sets;
+        let mask = sets.masks[usize::from(current)];
+        let error = |set: u16| sets.rms_error_cm[usize::from(set)];
+        let candidate = match self.params.cliques {
+            CliqueRule::Grown => letter::grown(hair, self.clusters, choice, mask),
+            CliqueRule::Local => {
+                let mut best: Option<u16> = None;
+                local.maximal_cliques(|clique| {
+                    if clique & mask == mask {
+                        let set = sets.stand_in[usize::from(clique) - 1];
+                        if best.is_none_or(|b| error(set) < error(b)) {
+                            best = Some(set);
+                        }
+                    }
+                });
+                best
+            }
+        };
+        let Some(candidate) = candidate.filter(|&c| error(c) < error(current)) else {
+            return Outcome::Content;
+        };
+        let of = (self.model, self.params.weights);
+        choice.shift.begin(of, self.lanes, self.transforms, (strand, current));
+        let moved = choice.shift.to(of, self.lanes, self.transforms, (strand, candidate));
+        if moved <= self.params.growth_tolerance_cm { Outcome::Change(candidate) } else { Outcome::Wanting }
+    }
+
+    /// Of the candidates that move the hair least, the best-trained one.
+    /// Implements AS16 Eq. (3), states compared by position.
+    ///
+    /// A departure: AS16 takes C ∩ G for every eligible set G. Here G is the present set, of which little is lost, and all guides:
+    /// of each clique C the kept sets that stand in for what it leaves of the two. Others lie between these and cost a shift each.
+    fn leave(&self, strand: usize, current: u16, hair: &Hair, local: &LocalGraph, choice: &mut Choice) -> Outcome {
+        let sets = &hair.sets;
+        let mask = sets.masks[usize::from(current)];
+        match self.params.cliques {
+            CliqueRule::Grown => letter::choose(hair, self.clusters, choice),
+            CliqueRule::Local => {
+                let candidates = &mut choice.candidates;
+                candidates.clear();
+                local.maximal_cliques(|clique| {
+                    for share in [clique & mask, clique] {
+                        if share != 0 {
+                            let set = sets.stand_in[usize::from(share) - 1];
+                            if !candidates.contains(&set) {
+                                candidates.push(set);
+                            }
+                        }
+                    }
+                });
+                // By index, so that the order of the search decides nothing.
+                candidates.sort_unstable();
+            }
+        }
+        if let [only] = choice.candidates[..] {
+            return Outcome::Change(only);
+        }
+        let of = (self.model, self.params.weights);
+        choice.shift.begin(of, self.lanes, self.transforms, (strand, current));
+        choice.moves.clear();
+        for &candidate in &choice.candidates {
+            let moved = choice.shift.to(of, self.lanes, self.transforms, (strand, candidate));
+            // A guide that is not finite must not keep the hair on a broken set.
+            choice.moves.push(if moved.is_finite() { moved } else { f32::INFINITY });
+        }
+        let least = choice.moves.iter().copied().fold(f32::INFINITY, f32::min);
+        let near = choice.candidates.iter().zip(&choice.moves);
+        let error = |set: u16| sets.rms_error_cm[usize::from(set)];
+        let mut best: Option<u16> = None;
+        for (&set, &moved) in near {
+            if moved <= least + self.params.cost_tolerance_cm && best.is_none_or(|b| error(set) < error(b)) {
+                best = Some(set);
+            }
+        }
+        best.map_or(Outcome::Content, Outcome::Change)
     }
 }

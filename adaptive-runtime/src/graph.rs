@@ -1,13 +1,25 @@
 //! The guide graph (AS16 §4.1–4.3): an edge where two guides move alike and nothing stands between them.
 //!
 //! Only pairs that are eligible together for some hair need an edge. Motion is compared in the head frame, so a fast turn
-//! of the whole head disconnects nothing, with a second, larger threshold for letting go.
+//! of the whole head disconnects nothing, with a second, larger threshold for letting go. An update tells which edges
+//! changed; what the interpolation check knows is kept from step to step ([`gap`]), its decisions are those of testing
+//! every ribbon anew, unless that is spread over several steps.
 
+mod gap;
+mod similarity;
+#[cfg(test)]
+mod tests;
+
+use crate::params::EdgeDistance;
 use collision::MovingSolid;
-use collision::clearance::strand_ribbon_keeps_clear;
+use gap::GapCheck;
 use io_formats::skinning_model::SkinningModel;
 use nalgebra::Vector3;
 use rayon::prelude::*;
+use similarity::{PackedMotion, tip_distance};
+
+/// Pairs decided together, one bit each in a word of flips.
+const BLOCK: usize = 64;
 
 /// Edges between guides, with the motion distance of every pair that may have one.
 #[derive(Clone, Debug)]
@@ -19,18 +31,28 @@ pub struct GuideGraph {
     /// Candidate neighbours in CSR form, ascending: (guide, index into `distance`).
     neighbour_start: Vec<u32>,
     neighbours: Vec<(u16, u32)>,
-    /// AS16 Eq. (2) for each pair of the model.
+    /// How far apart each pair of the model is, as the rule measures it; that of a pair blocked by a solid is an old one.
     distance: Vec<f32>,
     connected: Vec<bool>,
+    n_connected: usize,
+    /// Pairs of each block of [`BLOCK`] that changed in the last update, as bits and as a list.
+    changed: Vec<u64>,
+    flipped: Vec<u32>,
+    packed: PackedMotion,
+    gap: GapCheck,
+    n_updates: u64,
 }
 
 /// What an edge needs.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct EdgeRule {
     pub similarity: bool,
+    pub distance: EdgeDistance,
     pub avoidance: bool,
     /// Resolution of the interpolation check as a multiple of a solid's least half-thickness.
     pub gap_resolution: f32,
+    /// Steps between full looks at a pair that is neither surely free nor surely blocked; pairs take turns.
+    pub gap_period: u32,
 }
 
 /// Positions and velocities of all guides, guide-major, `n_particles` each.
@@ -60,7 +82,7 @@ impl GuideGraph {
             neighbours.extend(list);
             neighbour_start.push(neighbours.len() as u32);
         }
-        Self {
+        let mut graph = Self {
             n_guides,
             words,
             adjacency: vec![0; n_guides * words],
@@ -68,7 +90,15 @@ impl GuideGraph {
             neighbours,
             distance: vec![0.0; model.pairs.len()],
             connected: vec![true; model.pairs.len()],
-        }
+            n_connected: model.pairs.len(),
+            changed: vec![0; model.pairs.len().div_ceil(BLOCK)],
+            flipped: Vec::with_capacity(model.pairs.len()),
+            packed: PackedMotion::default(),
+            gap: GapCheck::default(),
+            n_updates: 0,
+        };
+        model.pairs.iter().for_each(|&pair| graph.toggle(pair));
+        graph
     }
 
     /// Guides.
@@ -89,7 +119,19 @@ impl GuideGraph {
         if self.connected.is_empty() {
             return 1.0;
         }
-        self.connected.iter().filter(|&&c| c).count() as f64 / self.connected.len() as f64
+        self.n_connected as f64 / self.connected.len() as f64
+    }
+
+    /// Pairs whose edge appeared or vanished in the last update, as indices into the model's pairs, ascending.
+    #[must_use]
+    pub fn flipped(&self) -> &[u32] {
+        &self.flipped
+    }
+
+    /// Whether a pair of the model, by its index, is connected.
+    #[must_use]
+    pub fn is_connected(&self, pair: u32) -> bool {
+        self.connected[pair as usize]
     }
 
     /// Guides that may ever share an edge with `guide`, with the pair's index.
@@ -101,6 +143,12 @@ impl GuideGraph {
         self.distance[pair as usize]
     }
 
+    fn toggle(&mut self, [i, j]: [u16; 2]) {
+        let (i, j) = (usize::from(i), usize::from(j));
+        self.adjacency[i * self.words + j / 64] ^= 1 << (j % 64);
+        self.adjacency[j * self.words + i / 64] ^= 1 << (i % 64);
+    }
+
     /// Re-decides every edge for the guides' current motion.
     pub(crate) fn update(
         &mut self,
@@ -109,59 +157,101 @@ impl GuideGraph {
         solids: &[MovingSolid],
         rule: EdgeRule,
     ) {
-        let n = motion.n_particles;
-        let of = |values: &[[f32; 3]], g: u16| -> std::ops::Range<usize> {
-            debug_assert!(usize::from(g) * n < values.len());
-            usize::from(g) * n..(usize::from(g) + 1) * n
+        let update = self.n_updates;
+        self.n_updates += 1;
+        let solids = if rule.avoidance { solids } else { &[] };
+        self.packed.pack(motion);
+        let packed = &self.packed;
+        let (gap, known, expiry) = self.gap.begin(model.pairs.len(), motion, solids, rule.gap_resolution);
+        let [n_known, n_expiry] = gap.strides();
+        // Chunks of nothing do not count, so no solid has one of a single, unused value.
+        let kept = known.par_chunks_mut((BLOCK * n_known).max(1)).zip(expiry.par_chunks_mut((BLOCK * n_expiry).max(1)));
+        let blocks = self
+            .changed
+            .par_iter_mut()
+            .zip(self.distance.par_chunks_mut(BLOCK))
+            .zip(self.connected.par_chunks_mut(BLOCK))
+            .enumerate();
+        let decide = |block: usize,
+                      changed: &mut u64,
+                      distance: &mut [f32],
+                      connected: &mut [bool],
+                      known: &mut [gap::Known],
+                      expiry: &mut [f32]| {
+            *changed = 0;
+            for (k, (distance, connected)) in distance.iter_mut().zip(connected).enumerate() {
+                let pair = model.pairs[block * BLOCK + k];
+                let known = &mut known[k * n_known..(k + 1) * n_known];
+                let expiry = &mut expiry[k * n_expiry..(k + 1) * n_expiry];
+                let is_turn = (update + (block * BLOCK + k) as u64).is_multiple_of(u64::from(rule.gap_period));
+                gap.count(pair, known, expiry);
+                // The check first: most pairs it settles in less time than their distance takes.
+                let now = gap.is_free(pair, known, expiry, is_turn) && {
+                    *distance = measure(model, block * BLOCK + k, packed, motion, rule.distance);
+                    is_similar(model, *distance, *connected, rule)
+                };
+                *changed |= u64::from(now != *connected) << k;
+                *connected = now;
+            }
         };
-        self.distance.par_iter_mut().zip(self.connected.par_iter_mut()).enumerate().for_each(
-            |(k, (distance, connected))| {
-                let [i, j] = model.pairs[k];
-                let (ri, rj) = (of(motion.position_in_head, i), of(motion.position_in_head, j));
-                *distance = motion_distance(
-                    (&motion.position_in_head[ri.clone()], &motion.position_in_head[rj.clone()]),
-                    (&motion.velocity_in_head[ri.clone()], &motion.velocity_in_head[rj.clone()]),
-                    (model.position_scale[k], model.velocity_scale[k]),
-                    model.velocity_weight,
-                );
-                let limit = if *connected { model.release_distance } else { model.max_distance };
-                let similar = !rule.similarity || *distance < limit;
-                *connected = similar
-                    && (!rule.avoidance
-                        || solids.iter().zip(motion.position_in_solids).all(|(solid, in_solid)| {
-                            strand_ribbon_keeps_clear(
-                                &solid.solid.sdf,
-                                &in_solid[ri.clone()],
-                                &in_solid[rj.clone()],
-                                0.0,
-                                rule.gap_resolution * solid.solid.half_thickness_cm,
-                            )
-                        }));
-            },
-        );
-        self.adjacency.fill(0);
-        for (&[i, j], &connected) in model.pairs.iter().zip(&self.connected) {
-            if connected {
-                let (i, j) = (usize::from(i), usize::from(j));
-                self.adjacency[i * self.words + j / 64] |= 1 << (j % 64);
-                self.adjacency[j * self.words + i / 64] |= 1 << (i % 64);
+        if n_known == 0 {
+            blocks.for_each(|(block, ((changed, distance), connected))| {
+                decide(block, changed, distance, connected, &mut [], &mut []);
+            });
+        } else {
+            blocks.zip(kept).for_each(|((block, ((changed, distance), connected)), (known, expiry))| {
+                decide(block, changed, distance, connected, known, expiry);
+            });
+        }
+        self.flipped.clear();
+        for block in 0..self.changed.len() {
+            let mut bits = self.changed[block];
+            while bits != 0 {
+                self.flipped.push((block * BLOCK) as u32 + bits.trailing_zeros());
+                bits &= bits - 1;
+            }
+        }
+        for at in 0..self.flipped.len() {
+            let pair = self.flipped[at] as usize;
+            self.toggle(model.pairs[pair]);
+            if self.connected[pair] {
+                self.n_connected += 1;
+            } else {
+                self.n_connected -= 1;
             }
         }
     }
 }
 
-/// How differently two guides move.
-/// Implements AS16 Eq. (2), positions and velocities in the head frame.
-fn motion_distance(
-    position: (&[[f32; 3]], &[[f32; 3]]),
-    velocity: (&[[f32; 3]], &[[f32; 3]]),
-    (position_scale, velocity_scale): (f32, f32),
-    velocity_weight: f32,
-) -> f32 {
-    squared_distance(position.0, position.1) / position_scale
-        + velocity_weight * squared_distance(velocity.0, velocity.1) / velocity_scale
+#[cfg(test)]
+impl GuideGraph {
+    /// Makes the edges those given, as an update would.
+    pub(crate) fn set_edges(&mut self, model: &SkinningModel, edges: &[bool]) {
+        self.flipped.clear();
+        self.flipped.extend((0..edges.len()).filter(|&k| edges[k] != self.connected[k]).map(|k| k as u32));
+        for at in 0..self.flipped.len() {
+            self.toggle(model.pairs[self.flipped[at] as usize]);
+        }
+        self.connected.copy_from_slice(edges);
+        self.n_connected = edges.iter().filter(|&&e| e).count();
+    }
 }
 
-fn squared_distance(a: &[[f32; 3]], b: &[[f32; 3]]) -> f32 {
-    a.iter().zip(b).map(|(p, q)| (p[0] - q[0]).powi(2) + (p[1] - q[1]).powi(2) + (p[2] - q[2]).powi(2)).sum()
+fn measure(model: &SkinningModel, pair: usize, packed: &PackedMotion, motion: &GuideMotion, rule: EdgeDistance) -> f32 {
+    let [i, j] = model.pairs[pair].map(usize::from);
+    match rule {
+        EdgeDistance::Motion => {
+            packed.distance(i, j, [model.position_scale[pair], model.velocity_scale[pair]], model.velocity_weight)
+        }
+        EdgeDistance::Tips { .. } => tip_distance(motion, i, j),
+    }
+}
+
+fn is_similar(model: &SkinningModel, distance: f32, connected: bool, rule: EdgeRule) -> bool {
+    let limit = match rule.distance {
+        EdgeDistance::Motion if connected => model.release_distance,
+        EdgeDistance::Motion => model.max_distance,
+        EdgeDistance::Tips { d_max_cm } => d_max_cm,
+    };
+    !rule.similarity || distance < limit
 }

@@ -22,6 +22,8 @@ mod runtime;
 mod solid_in_head;
 mod step;
 mod strands;
+#[cfg(test)]
+mod test_model;
 mod timings;
 mod two_way;
 
@@ -31,7 +33,8 @@ pub use graph::GuideGraph;
 pub use guides::{material_of, record_of};
 pub use hair_hair::{HairHairParams, HairHairReport};
 pub use params::{
-    AssignParams, Correction, DftlParams, GuideIntegrator, ResidualParams, RuntimeParams, TwoWayParams, TwoWaySolve,
+    AssignParams, CliqueRule, Correction, DftlParams, EdgeDistance, GuideIntegrator, ResidualParams, RuntimeParams,
+    TwoWayParams, TwoWaySolve, WeightRule,
 };
 pub use runtime::Runtime;
 pub use step::{StepInput, StepReport};

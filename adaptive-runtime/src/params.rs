@@ -43,10 +43,47 @@ pub struct AssignParams {
     pub growth_tolerance_cm: f32,
     /// Steps between a strand's attempts to grow back; strands take turns.
     pub growth_period: u32,
-    /// Whether edges need similar motion (AS16 §4.1).
+    /// Whether edges need similar motion (AS16 §4.1), as `edge_distance` measures it.
     pub similarity: bool,
+    /// What two guides must be near in.
+    pub edge_distance: EdgeDistance,
     /// Whether edges need a gap free of solids (AS16 §4.2).
     pub avoidance: bool,
+    /// In what cliques a hair's set must be.
+    pub cliques: CliqueRule,
+    /// Where weights come from.
+    pub weights: WeightRule,
+}
+
+/// How far apart two guides are that may share an edge.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum EdgeDistance {
+    /// AS16 Eq. (2) with the model's calibrated thresholds.
+    Motion,
+    /// Distance of the guides' tips, below a threshold: Bertails et al. 2006 as AS16 §7.2 describes it, to compare with.
+    Tips {
+        /// Threshold, cm.
+        d_max_cm: f32,
+    },
+}
+
+/// Cliques a hair's guides are taken from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CliqueRule {
+    /// All cliques of the graph among the hair's own eligible guides: at most nine, so they are found exactly.
+    Local,
+    /// The hair's share of the cliques grown greedily around each guide, and every kept set within one: AS16 Algorithm 1 to the
+    /// letter.
+    Grown,
+}
+
+/// Weights of the guides of a set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WeightRule {
+    /// The model's polynomials.
+    Trained,
+    /// Reciprocal distances (AS16 Eq. 11), to compare with; see `assign/distance_weights.rs`.
+    Distance,
 }
 
 /// How the effective forces on guides are found (AS16 Eq. 4).
@@ -129,6 +166,9 @@ pub struct RuntimeParams {
     pub hair_hair: HairHairParams,
     /// Resolution of the interpolation check, as a multiple of a solid's least half-thickness.
     pub gap_resolution: f32,
+    /// Steps between full interpolation checks of a pair that is neither surely free nor surely blocked, pairs taking turns: one decides
+    /// every pair in every step.
+    pub gap_period: u32,
 }
 
 /// [`StepParams::standard`], each substep solved once: what tears loose is slowed from the next on.
@@ -153,6 +193,9 @@ impl RuntimeParams {
                 growth_period: 8,
                 similarity: true,
                 avoidance: true,
+                edge_distance: EdgeDistance::Motion,
+                cliques: CliqueRule::Local,
+                weights: WeightRule::Trained,
             },
             two_way: TwoWayParams {
                 enabled: true,
@@ -173,6 +216,7 @@ impl RuntimeParams {
             },
             hair_hair: HairHairParams { enabled: false, ..HairHairParams::standard() },
             gap_resolution: 0.5,
+            gap_period: 1,
         }
     }
 
@@ -201,9 +245,28 @@ impl RuntimeParams {
         params.assign.cost_tolerance_cm = 0.0;
         params.assign.growth_tolerance_cm = -1.0;
         params.two_way.solve = TwoWaySolve::LeastSquares;
+        params.assign.cliques = CliqueRule::Grown;
         params.two_way.idle_row_weight = 1.0;
         params.two_way.memory = 0.0;
         params.residual.correction = Correction::None;
+        params
+    }
+
+    /// As [`RuntimeParams::adaptive`], edges by the distance of tips alone (AS16 §7.2, after Bertails et al. 2006).
+    #[must_use]
+    pub fn tip_distance(d_max_cm: f32) -> Self {
+        let mut params = Self::adaptive();
+        params.assign.edge_distance = EdgeDistance::Tips { d_max_cm };
+        params.assign.avoidance = false;
+        params
+    }
+
+    /// As [`RuntimeParams::adaptive`] or, where hairs are not to adapt, [`RuntimeParams::fixed`], with weights from distances
+    /// (AS16 Eq. 11).
+    #[must_use]
+    pub fn distance_weights(adapt: bool) -> Self {
+        let mut params = if adapt { Self::adaptive() } else { Self::fixed() };
+        params.assign.weights = WeightRule::Distance;
         params
     }
 
@@ -217,11 +280,19 @@ impl RuntimeParams {
         if self.residual.max_substeps == 0 {
             return bad("residual.max_substeps", 0.0, "at least one");
         }
+        if self.gap_period == 0 {
+            return bad("gap_period", 0.0, "at least one");
+        }
         if self.assign.growth_period == 0 {
             return bad("assign.growth_period", 0.0, "at least one");
         }
         if self.two_way.solve == (TwoWaySolve::ConjugateGradients { iterations: 0 }) {
             return bad("two_way.solve.iterations", 0.0, "at least one");
+        }
+        if let EdgeDistance::Tips { d_max_cm } = self.assign.edge_distance
+            && !(d_max_cm.is_finite() && d_max_cm > 0.0)
+        {
+            return bad("assign.edge_distance.d_max_cm", f64::from(d_max_cm), "finite and greater than zero");
         }
         for (name, value) in [
             ("residual.motion_per_substep", self.residual.motion_per_substep),

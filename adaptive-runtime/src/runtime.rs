@@ -1,6 +1,6 @@
 //! The runtime's state and what a host program sees of it.
 
-use crate::assign::{Scratch, best_set, decode};
+use crate::assign::{Assignment, best_set, decode};
 use crate::clusters::Clusters;
 use crate::correct::{Hold, MAX_SOLIDS, Work};
 use crate::error::Error;
@@ -40,6 +40,7 @@ pub struct Runtime {
     pub(crate) guide_travel: Vec<f32>,
     pub(crate) graph: GuideGraph,
     pub(crate) clusters: Clusters,
+    pub(crate) assignment: Assignment,
     /// Index of each strand's guide set within its kept sets.
     pub(crate) sets: Vec<u16>,
     pub(crate) strands: Strands,
@@ -62,9 +63,7 @@ pub struct Runtime {
 /// Buffers of one part of the strands, the same whatever the number of threads.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Worker {
-    pub scratch: Scratch,
     pub work: Work,
-    pub changes: Vec<(u32, u16)>,
     pub holds: Vec<Hold>,
     pub near: u32,
     pub pushed: u32,
@@ -105,7 +104,7 @@ impl Runtime {
         let graph = GuideGraph::new(&model);
         let clusters = Clusters::new(&graph);
         let sets: Vec<u16> = (0..n_strands).map(|s| best_set(&model, s)).collect();
-        let active = (0..n_strands).map(|s| decode(&model, s, sets[s])).collect();
+        let active = (0..n_strands).map(|s| decode(&model, s, sets[s], params.assign.weights)).collect();
         let strands = Strands::new(&model, pad, active);
         let positions: Vec<[f32; 3]> =
             (0..n_strands).flat_map(|s| model.rest_of(s)).map(|&p| to_world(&world_from_head, p)).collect();
@@ -129,6 +128,7 @@ impl Runtime {
             transforms_before: guides.arrays.clone(),
             guides,
             guide_travel: Vec::new(),
+            assignment: Assignment::new(&model, &graph),
             graph,
             clusters,
             sets,

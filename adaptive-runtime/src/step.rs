@@ -1,10 +1,10 @@
 //! One interactive step: the only place that knows the order of the stages.
 
-use crate::assign::{choose, decode};
+use crate::assign::decode;
 use crate::correct::{Hold, Outcome, Surroundings, Travel, correct};
 use crate::graph::EdgeRule;
 use crate::interpolate::interpolate;
-use crate::params::Correction;
+use crate::params::{CliqueRule, Correction};
 use crate::solid_in_head::SolidInHead;
 use crate::response::{Elasticity, Response};
 use crate::runtime::{Runtime, Worker};
@@ -118,13 +118,17 @@ impl Runtime {
             timed(&mut report.timings.graph, || {
                 let rule = EdgeRule {
                     similarity: self.params.assign.similarity,
+                    distance: self.params.assign.edge_distance,
                     avoidance: self.params.assign.avoidance,
                     gap_resolution: self.params.gap_resolution,
+                    gap_period: self.params.gap_period,
                 };
                 let motion = self.guides.motion(&input.world_from_head, &moving);
                 self.graph.update(&self.model, &motion, &moving, rule);
             });
-            timed(&mut report.timings.clusters, || self.clusters.update(&self.graph));
+            if self.params.assign.cliques == CliqueRule::Grown {
+                timed(&mut report.timings.clusters, || self.clusters.update(&self.graph));
+            }
             report.set_changes = timed(&mut report.timings.assignment, || self.assign());
         }
         report.connectivity = self.graph.connectivity();
@@ -147,35 +151,19 @@ impl Runtime {
 
     /// Chooses each hair's set; returns how many changed.
     fn assign(&mut self) -> u32 {
-        let n_strands = self.sets.len();
-        self.fit_workers(n_strands.div_ceil(PART));
+        let (assign, residual, transforms) = (&self.params.assign, &self.params.residual, &self.guides.arrays);
         let (model, graph, clusters) = (&self.model, &self.graph, &self.clusters);
-        let (transforms, assign, step_number) = (&self.guides.arrays, &self.params.assign, self.step_number);
-        self.sets.par_chunks(PART).zip(self.workers.par_iter_mut()).enumerate().for_each(|(part, (sets, worker))| {
-            worker.changes.clear();
-            for (k, &set) in sets.iter().enumerate() {
-                let s = part * PART + k;
-                let may_grow = (step_number + s as u64).is_multiple_of(u64::from(assign.growth_period));
-                let scratch = &mut worker.scratch;
-                if let Some(set) = choose(model, s, set, graph, clusters, transforms, assign, may_grow, scratch) {
-                    worker.changes.push((s as u32, set));
-                }
-            }
-        });
-        let residual = &self.params.residual;
-        let mut count = 0;
-        for worker in &self.workers {
-            for &(strand, set) in &worker.changes {
-                let s = strand as usize;
-                self.sets[s] = set;
-                let (rate, least) = (residual.return_rate, residual.rest_cm);
-                let active = decode(&self.model, s, set);
-                self.two_way.set_changed(strand, &self.strands.active[s], &active);
-                self.strands.change_set(s, active, transforms, self.time, rate, least, &mut self.skins);
-                count += 1;
-            }
+        let changes =
+            self.assignment.update(model, graph, clusters, transforms, assign, self.step_number, &self.sets);
+        for change in changes {
+            let s = change.strand as usize;
+            let active = decode(model, s, change.set, assign.weights);
+            self.sets[s] = change.set;
+            self.two_way.set_changed(change.strand, &self.strands.active[s], &active);
+            let (rate, least) = (residual.return_rate, residual.rest_cm);
+            self.strands.change_set(s, active, transforms, self.time, rate, least, &mut self.skins);
         }
-        count
+        changes.len() as u32
     }
 
     fn fit_workers(&mut self, n: usize) {

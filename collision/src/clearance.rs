@@ -6,9 +6,13 @@
 //! blocked, and so does one that is not finite. [`proven_distance_at`] says what is proven at a place, [`proven_distance`] what a sample proves; the exact tests on the
 //! triangles, which these are compared with, are [`crate::surface::Surface::is_hit_by`] and its ribbons.
 
+mod standing;
+
 use nalgebra::Vector3;
 
 use crate::sdf::SignedDistanceField;
+
+pub use standing::Standing;
 
 /// Whether every point of the segment `a`-`b` (solid's frame, cm) is outside the solid. Never true of a segment that is
 /// not; may be false of one that passes within a cell and a half of the grid, mostly half of one, however coarse the `resolution`
@@ -51,25 +55,71 @@ pub fn ribbon_keeps_clear(
     clearance: f32,
     resolution: f32,
 ) -> bool {
-    let [a0, b0, a1, b1] = corners;
-    // A bilinear patch lies in the hull of its corners.
-    let middle = (a0 + b0 + a1 + b1) * 0.25;
-    let radius = farthest(&middle, &corners);
-    match judge(sdf, middle, radius, clearance, [resolution, RIBBON_CELLS * sdf.cell()]) {
-        Verdict::Free => true,
-        Verdict::Blocked => false,
-        Verdict::Open => {
-            let across = (b0 - a0).norm_squared().max((b1 - a1).norm_squared());
-            let along = (a1 - a0).norm_squared().max((b1 - b0).norm_squared());
-            let halves = if across > along {
-                let (m0, m1) = ((a0 + b0) * 0.5, (a1 + b1) * 0.5);
-                [[a0, m0, a1, m1], [m0, b0, m1, b1]]
-            } else {
-                let (ma, mb) = ((a0 + a1) * 0.5, (b0 + b1) * 0.5);
-                [[a0, b0, ma, mb], [ma, mb, a1, b1]]
-            };
-            halves.iter().all(|&half| ribbon_keeps_clear(sdf, half, clearance, resolution))
+    blocked_place(sdf, corners, clearance, resolution, [0.0, 0.0, 1.0, 1.0], None).is_none()
+}
+
+/// Strips of equal width that a rung's ribbon has from one strand to the other, for [`rung_blocked_at`].
+pub const STRIPS: usize = 8;
+
+/// The middle of the first piece called blocked, as fractions from `a` to `b` and along, of the patch that is `part` (least and
+/// largest of both) of the whole. What is known spares looking at pieces that the check would call free.
+fn blocked_place(
+    sdf: &SignedDistanceField,
+    corners: [Vector3<f32>; 4],
+    clearance: f32,
+    resolution: f32,
+    part: [f32; 4],
+    known: Option<(&Standing, u8)>,
+) -> Option<[f32; 2]> {
+    let [low_u, low_v, high_u, high_v] = part;
+    if let Some((standing, free)) = known {
+        // Pieces are halves of halves, so one does not reach into a strip that it is not part of.
+        let strips = (255 >> (8 - (STRIPS as f32 * high_u).ceil() as u32)) & (255 << (STRIPS as f32 * low_u) as u32);
+        if strips & !u32::from(free) == 0 {
+            return None;
         }
+        let middle = corners.iter().sum::<Vector3<f32>>() * 0.25;
+        if standing.budget(middle, farthest(&middle, &corners)) > 0.0 {
+            return None;
+        }
+    }
+    let (u, v) = (0.5 * (low_u + high_u), 0.5 * (low_v + high_v));
+    match judge_patch(sdf, &corners, clearance, resolution) {
+        Verdict::Free => None,
+        Verdict::Blocked => Some([u, v]),
+        Verdict::Open => {
+            let (is_across, [first, second]) = halves(corners);
+            let parts = if is_across {
+                [[low_u, low_v, u, high_v], [u, low_v, high_u, high_v]]
+            } else {
+                [[low_u, low_v, high_u, v], [low_u, v, high_u, high_v]]
+            };
+            blocked_place(sdf, first, clearance, resolution, parts[0], known)
+                .or_else(|| blocked_place(sdf, second, clearance, resolution, parts[1], known))
+        }
+    }
+}
+
+/// What one sample says of a bilinear patch, which lies in the hull of its corners.
+#[inline]
+fn judge_patch(sdf: &SignedDistanceField, corners: &[Vector3<f32>; 4], clearance: f32, resolution: f32) -> Verdict {
+    let [a0, b0, a1, b1] = corners;
+    let middle = (a0 + b0 + a1 + b1) * 0.25;
+    let radius = farthest(&middle, corners);
+    judge(sdf, middle, radius, clearance, [resolution, RIBBON_CELLS * sdf.cell()])
+}
+
+/// A patch cut across its longer side; whether that is the one from `a` to `b`.
+#[inline]
+fn halves([a0, b0, a1, b1]: [Vector3<f32>; 4]) -> (bool, [[Vector3<f32>; 4]; 2]) {
+    let across = (b0 - a0).norm_squared().max((b1 - a1).norm_squared());
+    let along = (a1 - a0).norm_squared().max((b1 - b0).norm_squared());
+    if across > along {
+        let (m0, m1) = ((a0 + b0) * 0.5, (a1 + b1) * 0.5);
+        (true, [[a0, m0, a1, m1], [m0, b0, m1, b1]])
+    } else {
+        let (ma, mb) = ((a0 + a1) * 0.5, (b0 + b1) * 0.5);
+        (false, [[a0, b0, ma, mb], [ma, mb, a1, b1]])
     }
 }
 
@@ -99,10 +149,7 @@ pub fn strand_ribbon_keeps_clear(
         1 => segment_keeps_clear(sdf, i[0], j[0], clearance, resolution),
         2 => ribbon_keeps_clear(sdf, [i[0], j[0], i[1], j[1]], clearance, resolution),
         _ => {
-            let sum: Vector3<f32> = i.iter().chain(j).sum();
-            let middle = sum / (2 * n) as f32;
-            let radius = farthest(&middle, i).max(farthest(&middle, j));
-            if proven_distance(sdf, sdf.distance(middle)) > radius + clearance {
+            if dismissed(sdf, i, j, clearance) {
                 return true;
             }
             // The middle rung belongs to both halves.
@@ -111,6 +158,89 @@ pub fn strand_ribbon_keeps_clear(
                 && strand_ribbon_keeps_clear(sdf, &i[m..], &j[m..], clearance, resolution)
         }
     }
+}
+
+/// Whether a range of rungs is proven clear by its bounding ball.
+fn dismissed(sdf: &SignedDistanceField, i: &[Vector3<f32>], j: &[Vector3<f32>], clearance: f32) -> bool {
+    let sum: Vector3<f32> = i.iter().chain(j).sum();
+    let middle = sum / (2 * i.len()) as f32;
+    let radius = farthest(&middle, i).max(farthest(&middle, j));
+    proven_distance(sdf, sdf.distance(middle)) > radius + clearance
+}
+
+/// Where [`strand_ribbon_is_free`] finds the ribbon from `rung` to the next blocked, as fractions from one strand to the other and
+/// along; `None` if a bounding ball of rungs that it belongs to dismisses it, or its own test does. The strands' answer is that of
+/// all their rungs, in any order. A bit set in `free` says that the check is known to call all of that one of the [`STRIPS`] free; so does what the field's [`Standing`] proves free.
+///
+/// # Panics
+/// If there is no such rung.
+pub fn rung_blocked_at(
+    sdf: &SignedDistanceField,
+    strand_i: &[Vector3<f32>],
+    strand_j: &[Vector3<f32>],
+    rung: usize,
+    resolution: f32,
+    (standing, free): (&Standing, u8),
+) -> Option<[f32; 2]> {
+    let corners = [strand_i[rung], strand_j[rung], strand_i[rung + 1], strand_j[rung + 1]];
+    // Most rungs asked for are free by themselves; the balls are looked at only where one is not.
+    let place = blocked_place(sdf, corners, 0.0, resolution, [0.0, 0.0, 1.0, 1.0], Some((standing, free)))?;
+    (!rung_is_dismissed(sdf, strand_i, strand_j, rung)).then_some(place)
+}
+
+/// Whether [`rung_blocked_at`] finds a rung blocked by the piece that holds a given place; if not, another piece may be.
+///
+/// # Panics
+/// If there is no such rung.
+pub fn rung_is_blocked_there(
+    sdf: &SignedDistanceField,
+    strand_i: &[Vector3<f32>],
+    strand_j: &[Vector3<f32>],
+    (rung, [mut u, mut v]): (usize, [f32; 2]),
+    resolution: f32,
+) -> bool {
+    let mut corners = [strand_i[rung], strand_j[rung], strand_i[rung + 1], strand_j[rung + 1]];
+    loop {
+        match judge_patch(sdf, &corners, 0.0, resolution) {
+            Verdict::Free => return false,
+            Verdict::Blocked => return !rung_is_dismissed(sdf, strand_i, strand_j, rung),
+            Verdict::Open => {}
+        }
+        let (is_across, [first, second]) = halves(corners);
+        let at = if is_across { &mut u } else { &mut v };
+        if *at < 0.5 {
+            corners = first;
+            *at *= 2.0;
+        } else {
+            corners = second;
+            *at = 2.0 * *at - 1.0;
+        }
+    }
+}
+
+/// Whether a range of rungs that holds `rung` is dismissed by its ball.
+fn rung_is_dismissed(
+    sdf: &SignedDistanceField,
+    strand_i: &[Vector3<f32>],
+    strand_j: &[Vector3<f32>],
+    rung: usize,
+) -> bool {
+    let n = strand_i.len().min(strand_j.len());
+    assert!(rung + 1 < n, "rung {rung} of {n} particles");
+    let (mut low, mut high) = (0, n);
+    while high - low > 2 {
+        if dismissed(sdf, &strand_i[low..high], &strand_j[low..high], 0.0) {
+            return true;
+        }
+        // As the ranges are halved: the middle rung belongs to both.
+        let middle = low + (high - low) / 2;
+        if rung < middle {
+            high = middle + 1;
+        } else {
+            low = middle;
+        }
+    }
+    false
 }
 
 enum Verdict {

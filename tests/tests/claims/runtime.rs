@@ -1,6 +1,6 @@
 //! Laws of one interactive step (AS16 §4, §5) on a small model made by hand.
 
-use adaptive_runtime::{Error, Runtime, RuntimeParams, StepInput, StepReport, TwoWaySolve};
+use adaptive_runtime::{CliqueRule, Error, Runtime, RuntimeParams, StepInput, StepReport, TwoWaySolve};
 use collision::Solid;
 use hair_tests::models::{N_PARTICLES, Row};
 use hair_tests::scenes::{ball, dense_samples, rod};
@@ -119,9 +119,13 @@ fn a_hair_with_one_guide_follows_it_exactly() {
 
 /// The parted row with a rod standing in the gap between its halves, after some steps.
 fn divided_by_a_rod() -> (Row, Runtime) {
+    divided_by_a_rod_with(RuntimeParams::adaptive())
+}
+
+fn divided_by_a_rod_with(params: RuntimeParams) -> (Row, Runtime) {
     let row = Row::parted();
     let pose = [at(0.0, -9.0, 0.1)];
-    let mut runtime = runtime(row.model(), weightless(RuntimeParams::adaptive()), vec![rod(0.2, 4.0, 0.2)], &pose);
+    let mut runtime = runtime(row.model(), weightless(params), vec![rod(0.2, 4.0, 0.2)], &pose);
     let straddles = |r: &Runtime, s: usize| {
         let left = |g: &u16| row.x[row.guides[usize::from(*g)] as usize] < 0.0;
         r.guide_set(s).iter().any(left) && !r.guide_set(s).iter().all(left)
@@ -151,7 +155,9 @@ fn hairs_parted_by_a_rod_follow_guides_of_one_side() {
 
 #[test]
 fn clusters_are_cliques_of_the_guide_graph() {
-    let (row, runtime) = divided_by_a_rod();
+    let mut params = RuntimeParams::adaptive();
+    params.assign.cliques = CliqueRule::Grown;
+    let (row, runtime) = divided_by_a_rod_with(params);
     let (graph, clusters) = (runtime.graph(), runtime.clusters());
     assert!(graph.connectivity() < 1.0);
     assert_eq!(clusters.n(), row.guides.len());
