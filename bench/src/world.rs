@@ -2,8 +2,9 @@
 
 use crate::baked::solid_of_mesh;
 use crate::error::Error;
-use crate::grooms::{GroomParams, Style, generate};
+use crate::grooms::{GroomParams, Style, generate, on_ball};
 use crate::shapes::{self, CombParams, solid_mesh};
+use crate::shapes_gear::{GearParams, gear_mesh};
 use adaptive_runtime::{material_of, record_of};
 use collision::{BakeParams, MovingSolid, Solid, SolidPose};
 use io_formats::BakeCache;
@@ -59,6 +60,11 @@ impl World {
                 let mesh = solid_mesh(&head);
                 (head, mesh)
             }
+            HeadShape::Ball(radius_cm) => {
+                let ball = shapes::sphere(*radius_cm as f32)?;
+                let mesh = solid_mesh(&ball);
+                (ball, mesh)
+            }
             HeadShape::Mesh(source) => bake("head", source, HEAD_FRICTION, cache)?,
         };
         progress("groom");
@@ -77,6 +83,12 @@ impl World {
                 SolidShape::Mesh(ref source) => bake(&spec.name, source, spec.friction as f32, cache)?,
                 SolidShape::Sphere { radius_cm } => meshed(shapes::sphere(radius_cm as f32)?),
                 SolidShape::Rod { radius_cm, length_cm } => meshed(shapes::rod(radius_cm as f32, length_cm as f32)?),
+                SolidShape::Gear { teeth, spokes, radius_cm, tooth_cm, bore_cm, width_cm } => {
+                    let [radius_cm, tooth_cm, bore_cm, width_cm] =
+                        [radius_cm, tooth_cm, bore_cm, width_cm].map(|x| x as f32);
+                    let mesh = gear_mesh(GearParams { teeth, spokes, radius_cm, tooth_cm, bore_cm, width_cm })?;
+                    bake_mesh(&spec.name, mesh, spec.friction as f32, cache)?
+                }
                 SolidShape::Comb { teeth, pitch_cm, tooth_radius_cm, tooth_length_cm, spine_radius_cm } => {
                     meshed(shapes::comb(CombParams {
                         teeth,
@@ -166,7 +178,10 @@ impl World {
 const HEAD_FRICTION: f32 = 0.1;
 
 fn bake(name: &str, source: &MeshSource, friction: f32, cache: Option<&BakeCache>) -> Result<(Solid, TriMesh), Error> {
-    let mesh = source.load()?;
+    bake_mesh(name, source.load()?, friction, cache)
+}
+
+fn bake_mesh(name: &str, mesh: TriMesh, friction: f32, cache: Option<&BakeCache>) -> Result<(Solid, TriMesh), Error> {
     let (solid, origin) = solid_of_mesh(name, &mesh, BakeParams::automatic(), friction, cache)?;
     tracing::debug!(solid = name, ?origin, "solid of a mesh");
     Ok((solid, mesh))
@@ -188,7 +203,11 @@ fn build_groom(scene: &Scene, head: &Solid) -> Result<(UniformGroom, usize), Err
                 seed: spec.seed,
                 head,
             };
-            Ok((generate(&params)?, 0))
+            let groom = match scene.head.shape {
+                HeadShape::Ball(radius_cm) => on_ball(&params, radius_cm as f32)?,
+                _ => generate(&params)?,
+            };
+            Ok((groom, 0))
         }
         GroomSource::File { path, .. } => {
             let in_file = |source| Error::Groom { path: path.clone(), source: Box::new(source) };
