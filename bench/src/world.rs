@@ -70,41 +70,7 @@ impl World {
         progress("groom");
         let (groom, dropped_strands) = build_groom(&scene, &head)?;
         let head_motion = scene.head_motion()?;
-        let mut solids = Vec::new();
-        let mut solid_meshes = Vec::new();
-        let mut motions = Vec::new();
-        for spec in &scene.solids {
-            progress(&spec.name);
-            let meshed = |solid: Solid| {
-                let mesh = solid_mesh(&solid);
-                (solid, mesh)
-            };
-            let (mut solid, mesh) = match spec.shape {
-                SolidShape::Mesh(ref source) => bake(&spec.name, source, spec.friction as f32, cache)?,
-                SolidShape::Sphere { radius_cm } => meshed(shapes::sphere(radius_cm as f32)?),
-                SolidShape::Rod { radius_cm, length_cm } => meshed(shapes::rod(radius_cm as f32, length_cm as f32)?),
-                SolidShape::Gear { teeth, spokes, radius_cm, tooth_cm, bore_cm, width_cm } => {
-                    let [radius_cm, tooth_cm, bore_cm, width_cm] =
-                        [radius_cm, tooth_cm, bore_cm, width_cm].map(|x| x as f32);
-                    let mesh = gear_mesh(GearParams { teeth, spokes, radius_cm, tooth_cm, bore_cm, width_cm })?;
-                    bake_mesh(&spec.name, mesh, spec.friction as f32, cache)?
-                }
-                SolidShape::Comb { teeth, pitch_cm, tooth_radius_cm, tooth_length_cm, spine_radius_cm } => {
-                    meshed(shapes::comb(CombParams {
-                        teeth,
-                        pitch_cm: pitch_cm as f32,
-                        tooth_radius_cm: tooth_radius_cm as f32,
-                        tooth_length_cm: tooth_length_cm as f32,
-                        spine_radius_cm: spine_radius_cm as f32,
-                    })?)
-                }
-            };
-            solid.name.clone_from(&spec.name);
-            solid.friction = spec.friction as f32;
-            solids.push(solid);
-            solid_meshes.push(mesh);
-            motions.push((spec.attach, spec.motion.load(scene.seconds, [0.0; 3])?));
-        }
+        let Staged { solids, solid_meshes, motions } = stage(&scene, cache, &mut progress)?;
         let preset = match scene.material.preset {
             HairStyle::Straight => Material::straight(),
             HairStyle::Wavy => Material::wavy(),
@@ -122,6 +88,26 @@ impl World {
             solids,
             solid_meshes,
             motions,
+        })
+    }
+
+    /// The same hair on the same head, moved and met as another scene says; what that scene says of hair is left out.
+    ///
+    /// # Errors
+    /// Whatever the scene's files or parameters have wrong.
+    pub fn staged(&self, scene: Scene, cache: Option<&BakeCache>) -> Result<Self, Error> {
+        let Staged { solids, solid_meshes, motions } = stage(&scene, cache, &mut |_| {})?;
+        Ok(Self {
+            groom: self.groom.clone(),
+            dropped_strands: 0,
+            material: self.material,
+            head: self.head.clone(),
+            head_mesh: self.head_mesh.clone(),
+            head_motion: scene.head_motion()?,
+            solids,
+            solid_meshes,
+            motions,
+            scene,
         })
     }
 
@@ -173,6 +159,52 @@ impl World {
         let frame = |step: usize| (step as f64 * self.scene.step_s * self.scene.fps + 1e-9).floor();
         step == 0 || frame(step) > frame(step - 1)
     }
+}
+
+/// The solids of a scene, made.
+struct Staged {
+    solids: Vec<Solid>,
+    solid_meshes: Vec<TriMesh>,
+    motions: Vec<(Attach, PoseMotion)>,
+}
+
+fn stage(scene: &Scene, cache: Option<&BakeCache>, progress: &mut impl FnMut(&str)) -> Result<Staged, Error> {
+    let mut solids = Vec::new();
+    let mut solid_meshes = Vec::new();
+    let mut motions = Vec::new();
+    for spec in &scene.solids {
+        progress(&spec.name);
+        let meshed = |solid: Solid| {
+            let mesh = solid_mesh(&solid);
+            (solid, mesh)
+        };
+        let (mut solid, mesh) = match spec.shape {
+            SolidShape::Mesh(ref source) => bake(&spec.name, source, spec.friction as f32, cache)?,
+            SolidShape::Sphere { radius_cm } => meshed(shapes::sphere(radius_cm as f32)?),
+            SolidShape::Rod { radius_cm, length_cm } => meshed(shapes::rod(radius_cm as f32, length_cm as f32)?),
+            SolidShape::Gear { teeth, spokes, radius_cm, tooth_cm, bore_cm, width_cm } => {
+                let [radius_cm, tooth_cm, bore_cm, width_cm] =
+                    [radius_cm, tooth_cm, bore_cm, width_cm].map(|x| x as f32);
+                let mesh = gear_mesh(GearParams { teeth, spokes, radius_cm, tooth_cm, bore_cm, width_cm })?;
+                bake_mesh(&spec.name, mesh, spec.friction as f32, cache)?
+            }
+            SolidShape::Comb { teeth, pitch_cm, tooth_radius_cm, tooth_length_cm, spine_radius_cm } => {
+                meshed(shapes::comb(CombParams {
+                    teeth,
+                    pitch_cm: pitch_cm as f32,
+                    tooth_radius_cm: tooth_radius_cm as f32,
+                    tooth_length_cm: tooth_length_cm as f32,
+                    spine_radius_cm: spine_radius_cm as f32,
+                })?)
+            }
+        };
+        solid.name.clone_from(&spec.name);
+        solid.friction = spec.friction as f32;
+        solids.push(solid);
+        solid_meshes.push(mesh);
+        motions.push((spec.attach, spec.motion.load(scene.seconds, [0.0; 3])?));
+    }
+    Ok(Staged { solids, solid_meshes, motions })
 }
 
 const HEAD_FRICTION: f32 = 0.1;

@@ -263,11 +263,13 @@ fn a_picked_strand_keeps_all_it_was_trained_with() {
         assert_eq!(picked.rest_of(at), whole.rest_of(s));
         assert_eq!(picked.eligible_of(at), whole.eligible_of(s));
         let (ours, theirs) = (picked.sets_of(at), whole.sets_of(s));
-        assert_eq!((ours.masks, ours.rms_error_cm, ours.stand_in), (theirs.masks, theirs.rms_error_cm, theirs.stand_in));
+        assert_eq!(
+            (ours.masks, ours.rms_error_cm, ours.stand_in),
+            (theirs.masks, theirs.rms_error_cm, theirs.stand_in)
+        );
         for set in 0..ours.masks.len() {
-            let [a, b] = [(&picked, at), (&whole, s)].map(|(m, strand)| {
-                m.weights_of_set(m.set_start[strand] as usize + set).collect::<Vec<_>>()
-            });
+            let [a, b] = [(&picked, at), (&whole, s)]
+                .map(|(m, strand)| m.weights_of_set(m.set_start[strand] as usize + set).collect::<Vec<_>>());
             assert_eq!(a, b);
         }
     }
