@@ -466,6 +466,32 @@ mod tests {
     }
 
     #[test]
+    fn hair_covers_a_ball_evenly_and_any_prefix_does() {
+        let ball = crate::shapes::sphere(8.0).expect("a ball");
+        let grow = |strands| {
+            let params =
+                GroomParams { style: Style::Straight, strands, particles: 30, length_cm: 10.0, seed: 1, head: &ball };
+            on_ball(&params, 8.0).expect("a groom")
+        };
+        let (few, more) = (grow(800), grow(3_200));
+        assert_eq!(few.points, more.points[..few.points.len()]);
+        for groom in [&few, &more] {
+            // Each eighth of the ball has its share, within a tenth.
+            let mut octants = [0usize; 8];
+            for s in 0..groom.n_strands {
+                let [x, y, z] = groom.strand(s)[0];
+                octants[usize::from(x > 0.0) + 2 * usize::from(y > 0.0) + 4 * usize::from(z > 0.0)] += 1;
+                for (i, &p) in groom.strand(s).iter().enumerate() {
+                    let distance = Vector3::from(p).norm() - 8.0;
+                    assert!(if i == 0 { distance.abs() < 1e-5 } else { distance > 0.05 }, "strand {s}: {distance}");
+                }
+            }
+            let share = groom.n_strands / 8;
+            assert!(octants.iter().all(|&n| n.abs_diff(share) * 10 <= share), "{octants:?}");
+        }
+    }
+
+    #[test]
     fn roots_cover_the_scalp_evenly_and_leave_the_face_free() {
         let head = head().expect("the built-in head");
         let groom = grow_all(&head, Style::Straight, 4_000, 1);

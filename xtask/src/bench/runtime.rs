@@ -4,13 +4,14 @@
 //! One model serves most parts: that of `train salon-full --preset bench`. Its first hairs are smaller heads, copies of them
 //! larger ones.
 
-use crate::pipeline::{Prepared, load_scene, prepare, use_threads};
+use crate::pipeline::{Workshop, load_scene, prepare, use_threads};
 use crate::presets::Preset;
 use crate::progress::Bars;
 use crate::report::{picture, write_beside};
 use anyhow::{Context, Result, ensure};
 use hair_bench::chart::{Curve, draw};
 use hair_bench::picture::contact_sheet;
+use hair_bench::run::read_positions;
 use hair_bench::runtime_bench::quality::{FullRun, full_run, measure, rows};
 use hair_bench::runtime_bench::{Figure, Subject, cost, resized, situations};
 use hair_bench::training_motions::held_out_motion;
@@ -30,6 +31,9 @@ pub struct Args {
     /// errors, recovery, criteria, endurance, pictures.
     #[arg(long, value_delimiter = ',')]
     only: Vec<String>,
+    /// A model of the scene salon-full, however trained, instead of one trained for benchmarks.
+    #[arg(long)]
+    model: Option<PathBuf>,
     /// Hairs of the head: the first of the trained model's 150,000, or copies of them.
     #[arg(long)]
     hairs: Option<usize>,
@@ -45,7 +49,7 @@ pub struct Args {
     /// Folder of results and cache.
     #[arg(long, default_value = "out")]
     out: PathBuf,
-    /// Draw cost over hairs and guides, and pictures of the salon, into this folder.
+    /// Draw cost over hairs and guides, and the pictures, into this folder.
     #[arg(long)]
     plot: Option<PathBuf>,
     /// Worker threads; 0 uses all cores.
@@ -122,8 +126,25 @@ pub fn run(args: Args) -> Result<()> {
     };
     let bars = Bars::new();
     let mut bench = Bench { args: &args, bars: &bars, figures: Map::new(), sizes: Map::new() };
-    let salon = head_of("salon-full", &args.out, &bars)?;
-    let world = salon.world();
+    let salon = match &args.model {
+        Some(path) => {
+            let world = Workshop::open(load_scene("salon-full", None)?, &args.out, &bars)?.world;
+            let model = SkinningModel::load(path).with_context(|| format!("the model {}", path.display()))?;
+            ensure!(
+                (model.n_strands as usize, model.n_particles as usize)
+                    == (world.groom.n_strands, world.groom.n_particles),
+                "{} has {} x {} strands, salon-full {} x {}; train it with `xtask train salon-full`",
+                path.display(),
+                model.n_strands,
+                model.n_particles,
+                world.groom.n_strands,
+                world.groom.n_particles
+            );
+            Head { world, model }
+        }
+        None => Head::of("salon-full", &args.out, &bars)?,
+    };
+    let world = &salon.world;
     let of_size;
     let model = match args.hairs.filter(|&n| n != salon.model.n_strands as usize) {
         Some(n) => {
@@ -203,11 +224,24 @@ pub fn run(args: Args) -> Result<()> {
     Ok(())
 }
 
-/// The world of a built-in scene and its model, trained no more than benchmarks need.
-fn head_of<'a>(scene: &str, out: &Path, bars: &'a Bars) -> Result<Prepared<'a>> {
-    let mut scene = load_scene(scene, None)?;
-    Preset::Bench.apply(&mut scene);
-    prepare(scene, out, bars)
+/// A world and its model.
+struct Head {
+    world: World,
+    model: SkinningModel,
+}
+
+impl Head {
+    /// Those of a built-in scene, trained no more than benchmarks need.
+    fn of(scene: &str, out: &Path, bars: &Bars) -> Result<Self> {
+        let mut scene = load_scene(scene, None)?;
+        Preset::Bench.apply(&mut scene);
+        Self::trained(scene, out, bars)
+    }
+
+    fn trained(scene: Scene, out: &Path, bars: &Bars) -> Result<Self> {
+        let prepared = prepare(scene, out, bars)?;
+        Ok(Self { world: prepared.workshop.world, model: prepared.model })
+    }
 }
 
 /// One solid of one scene swept through the head.
@@ -257,7 +291,7 @@ fn errors(bench: &mut Bench, few: &Subject) -> Result<()> {
 }
 
 /// The scenes of AS16 Table 2.
-fn tables(bench: &mut Bench, salon: &Prepared) -> Result<()> {
+fn tables(bench: &mut Bench, salon: &Head) -> Result<()> {
     let (out, bars) = (bench.args.out.clone(), bench.bars);
     let paper = |step_ms, full_s: f64, memory_mb| cost::PaperRow { step_ms, full_ms: 1e3 * full_s, memory_mb };
     let mut row = |world: &World, model: &SkinningModel, paper| -> Result<()> {
@@ -266,20 +300,20 @@ fn tables(bench: &mut Bench, salon: &Prepared) -> Result<()> {
         bench.take(rows);
         Ok(())
     };
-    row(salon.world(), &salon.model, paper(50.0, 60.0, 400.0))?;
+    row(&salon.world, &salon.model, paper(50.0, 60.0, 400.0))?;
     for (scene, paper) in [("gears", paper(46.0, 20.0, 120.0)), ("hairy-ball", paper(32.0, 15.0, 80.0))] {
-        let head = head_of(scene, &out, bars)?;
-        row(head.world(), &head.model, paper)?;
+        let head = Head::of(scene, &out, bars)?;
+        row(&head.world, &head.model, paper)?;
     }
     Ok(())
 }
 
 /// Cost over hairs and guides.
-fn scaling(bench: &mut Bench, salon: &Prepared) -> Result<()> {
+fn scaling(bench: &mut Bench, salon: &Head) -> Result<()> {
     const HAIRS: [usize; 7] = [10_000, 20_000, 50_000, 100_000, 150_000, 300_000, 600_000];
     const GUIDES: [usize; 6] = [50, 100, 200, 400, 800, 1_600];
     let params = adaptive_runtime::RuntimeParams::adaptive();
-    let subject = Subject { world: salon.world(), model: &salon.model, params };
+    let subject = Subject { world: &salon.world, model: &salon.model, params };
     let [from, to] = IN_HAIR_S;
     let progress = bench.steps("over hairs", HAIRS.len());
     let (rows, curves) = cost::over_hairs(&subject, &HAIRS, from, to, progress)?;
@@ -293,9 +327,9 @@ fn scaling(bench: &mut Bench, salon: &Prepared) -> Result<()> {
             groom.strands = COMPARED_HAIRS;
         }
         scene.groom.guides = guides;
-        models.push(prepare(scene, &bench.args.out, bench.bars)?.model);
+        models.push(Head::trained(scene, &bench.args.out, bench.bars)?.model);
     }
-    let (rows, curves) = cost::over_guides(salon.world(), params, &models, from, to)?;
+    let (rows, curves) = cost::over_guides(&salon.world, params, &models, from, to)?;
     bench.take(rows);
     plot(bench, "guides", &curves)
 }
@@ -307,25 +341,32 @@ fn plot(bench: &Bench, over: &str, curves: &[Curve]) -> Result<()> {
     Ok(())
 }
 
-/// The salon at nine moments.
+/// Every scene of this head at three moments.
 fn pictures(bench: &mut Bench, subject: &Subject) -> Result<()> {
-    const PICTURES: usize = 9;
+    const SCENES: [&str; 7] =
+        ["salon-full", "comb-fine", "comb-coarse", "comb-fast", "sphere-sweep", "fig6-rod", "fig6-lift"];
+    /// Shares of a scene.
+    const MOMENTS: [f64; 3] = [0.25, 0.5, 0.9];
     let folder = bench.args.plot.clone().unwrap_or_else(|| bench.args.out.clone());
     std::fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
-    let (mut runtime, n_steps) = (subject.runtime()?, subject.world.n_steps());
-    let mut progress = bench.steps("pictures", n_steps);
-    let mut images = Vec::new();
-    for step in 1..=n_steps {
-        let t = step as f64 * subject.dt();
-        subject.step_to(&mut runtime, t);
-        if step * PICTURES / n_steps != (step - 1) * PICTURES / n_steps {
-            let hair = hair_bench::run::read_positions(&mut runtime);
-            images.push(picture(subject.world, t, hair));
+    for name in SCENES {
+        let world = subject.world.staged(load_scene(name, None)?, None)?;
+        let subject = Subject { world: &world, ..*subject };
+        let (mut runtime, n_steps) = (subject.runtime()?, world.n_steps());
+        let mut progress = bench.steps(name, n_steps);
+        let at = MOMENTS.map(|share| (share * n_steps as f64).round() as usize);
+        let mut images = Vec::new();
+        for step in 1..=n_steps {
+            let t = step as f64 * subject.dt();
+            subject.step_to(&mut runtime, t);
+            if at.contains(&step) {
+                images.push(picture(&world, t, read_positions(&mut runtime)));
+            }
+            progress(step);
         }
-        progress(step);
+        let path = folder.join(format!("{name}.png"));
+        contact_sheet(&images, images.len()).write_png(&path)?;
+        println!("pictures: {}", path.display());
     }
-    let path = folder.join(format!("{}.png", subject.world.scene.name));
-    contact_sheet(&images, 3).write_png(&path)?;
-    println!("pictures: {}", path.display());
     Ok(())
 }
