@@ -241,19 +241,8 @@ pub fn table_row(
     full_steps: usize,
     progress: impl FnMut(usize),
 ) -> Result<Vec<Figure>, Error> {
-    let before = resident_mb();
-    let seconds = subject.world.scene.seconds;
-    let cost = time_loop(subject, 0.0, seconds, Reads::Pictures, progress)?;
-    let runtime_mb = {
-        // What a runtime takes beside its model, which it holds itself.
-        let here = resident_mb();
-        let mut runtime = subject.runtime()?;
-        subject.step_to(&mut runtime, subject.dt());
-        std::hint::black_box(read_positions(&mut runtime));
-        let mb = here.and_then(|a| resident_mb().map(|b| b - a)).filter(|mb| *mb > 0.0);
-        drop(runtime);
-        mb.or(before)
-    };
+    let runtime_mb = memory_of_runtime(subject)?;
+    let cost = time_loop(subject, 0.0, subject.world.scene.seconds, Reads::Pictures, progress)?;
     let of = subject.size();
     let name = &subject.world.scene.name;
     let n_steps = cost.steps.len() as f64;
@@ -287,6 +276,15 @@ pub fn table_row(
         rows.push(Figure::new(format!("{name}_paper_full_over_ours"), "x, AS16", paper.full_ms / paper.step_ms, &of));
     }
     Ok(rows)
+}
+
+/// Memory that a runtime takes once it has stepped and read, its own copy of the model included, MB.
+fn memory_of_runtime(subject: &Subject) -> Result<Option<f64>, Error> {
+    let before = resident_mb();
+    let mut runtime = subject.runtime()?;
+    subject.step_to(&mut runtime, subject.dt());
+    std::hint::black_box(read_positions(&mut runtime));
+    Ok(before.and_then(|before| resident_mb().map(|after| after - before)))
 }
 
 /// The part of AS16 §7.3 that a stage belongs to.
