@@ -20,6 +20,16 @@ pub enum Error {
         /// What is accepted.
         expected: &'static str,
     },
+    /// More of something than the runtime can keep.
+    #[error("{given} {what} given; the runtime takes {most} at most")]
+    TooMany {
+        /// Of what.
+        what: &'static str,
+        /// How many.
+        given: usize,
+        /// How many it takes.
+        most: usize,
+    },
     /// More solids than the runtime was built for, or fewer.
     #[error("the step names {given} solid poses, but the runtime has {expected} solids")]
     SolidCount {

@@ -4,12 +4,17 @@
 //! particle index, the quadratic weight is evaluated in the lane. Transforms are kept as what they add to the identity, so
 //! a hair at rest is reproduced exactly.
 
+use crate::offset::Return;
+use crate::solid_in_head::Frame;
 use io_formats::guide_transform::{Blend, DisplacementTransform};
 use io_formats::skinning_model::{MAX_ELIGIBLE, WeightPoly};
 use multiversion::multiversion;
 
 /// Particles worked on together.
 const WIDTH: usize = 8;
+
+/// Most particles of a strand, padding included.
+pub(crate) const MAX_PARTICLES: usize = 64;
 
 /// Arrays of a rigid transform: nine of `linear`, three of `offset`.
 pub(crate) const ARRAYS: usize = 12;
@@ -39,6 +44,37 @@ impl TransformArrays {
 
     pub(crate) fn of_guide(&self, guide: usize) -> &[f32] {
         &self.values[guide * ARRAYS * self.pad..(guide + 1) * ARRAYS * self.pad]
+    }
+
+    /// Takes over another head's transforms of the same size.
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        self.turning = other.turning;
+        self.values.copy_from_slice(&other.values);
+    }
+
+    /// The farthest that a guide's transforms can have moved anything they lead since `before`, cm: particles at rest at most
+    /// `farthest` from the guide's own, which rest in `rest`.
+    pub(crate) fn travel_since(&self, before: &Self, guide: usize, rest: &[[f32; 3]], farthest: f32) -> f32 {
+        let (now, old) = (self.of_guide(guide), before.of_guide(guide));
+        let change = |k: usize, i: usize| now[k * self.pad + i] - old[k * self.pad + i];
+        let mut most = 0.0f32;
+        for (i, r) in rest.iter().enumerate() {
+            let (mut moved, mut turned) = (0.0, 0.0);
+            for row in 0..3 {
+                let mut own = change(TRANSLATION + row, i);
+                if self.turning {
+                    for col in 0..3 {
+                        let linear = change(3 * row + col, i);
+                        own += linear * r[col];
+                        turned += linear * linear;
+                    }
+                }
+                moved += own * own;
+            }
+            // The largest stretch of a difference of rotations is its Frobenius norm over the root of two.
+            most = most.max(moved.sqrt() + (0.5f32 * turned).sqrt() * farthest);
+        }
+        most
     }
 
     pub(crate) fn set_guide(&mut self, guide: usize, transforms: &[DisplacementTransform]) {
@@ -87,59 +123,125 @@ impl ActiveSet {
 /// Implements AS16 Eq. (5), weights by AS16 Eq. (6) clamped at zero and normalised at each particle.
 ///
 /// `rest` and `out` hold three arrays (x, y, z) of `pad` values; `u` the particles' positions along the strand, 0 to 1.
-#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
 pub(crate) fn interpolate(rest: &[f32], u: &[f32], set: &ActiveSet, transforms: &TransformArrays, out: &mut [f32]) {
     let pad = transforms.pad;
-    let first = if transforms.turning { 0 } else { TRANSLATION };
-    for at in (0..pad).step_by(WIDTH) {
-        let mut sum = [0.0f32; WIDTH];
-        let mut blend = [[0.0f32; WIDTH]; ARRAYS];
-        let lane_u: &[f32; WIDTH] = chunk(u, at);
-        for b in 0..usize::from(set.n) {
-            let poly = set.weights[b];
-            let mut w = [0.0f32; WIDTH];
-            for l in 0..WIDTH {
-                w[l] = poly.quad.mul_add(lane_u[l], poly.lin).mul_add(lane_u[l], poly.con).max(0.0);
-                sum[l] += w[l];
-            }
-            let arrays = transforms.of_guide(usize::from(set.guides[b]));
-            for k in first..ARRAYS {
-                let values: &[f32; WIDTH] = chunk(arrays, k * pad + at);
-                for l in 0..WIDTH {
-                    blend[k][l] = w[l].mul_add(values[l], blend[k][l]);
-                }
-            }
+    let (mut scale, mut moved) = ([0.0f32; MAX_PARTICLES], [[0.0f32; MAX_PARTICLES]; 3]);
+    blend(rest, u, set, transforms, &mut scale, &mut moved);
+    let scale = &scale[..pad];
+    for c in 0..3 {
+        let (out, rest, moved) = (&mut out[c * pad..(c + 1) * pad], &rest[c * pad..(c + 1) * pad], &moved[c][..pad]);
+        for i in 0..pad {
+            out[i] = moved[i].mul_add(scale[i], rest[i]);
         }
-        let mut scale = [0.0f32; WIDTH];
-        for l in 0..WIDTH {
-            scale[l] = if sum[l] > 0.0 { 1.0 / sum[l] } else { 0.0 };
+    }
+}
+
+/// As [`interpolate`], with what the strand carries (offset and velocity, three arrays of `pad` values each, some time ago), moved by
+/// `frame` where there is one, as points.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+pub(crate) fn interpolate_to_points(
+    rest: &[f32],
+    u: &[f32],
+    set: &ActiveSet,
+    transforms: &TransformArrays,
+    carried: Option<(&[f32], Return)>,
+    frame: Option<&Frame>,
+    out: &mut [[f32; 3]],
+) {
+    let pad = transforms.pad;
+    let (mut scale, mut moved) = ([0.0f32; MAX_PARTICLES], [[0.0f32; MAX_PARTICLES]; 3]);
+    blend(rest, u, set, transforms, &mut scale, &mut moved);
+    let scale = &scale[..pad];
+    for c in 0..3 {
+        let (rest, moved) = (&rest[c * pad..(c + 1) * pad], &mut moved[c][..pad]);
+        for i in 0..pad {
+            moved[i] = moved[i].mul_add(scale[i], rest[i]);
         }
-        let x: &[f32; WIDTH] = chunk(rest, at);
-        let y: &[f32; WIDTH] = chunk(rest, pad + at);
-        let z: &[f32; WIDTH] = chunk(rest, 2 * pad + at);
+    }
+    if let Some((carried, back)) = carried {
+        let (offset, velocity) = carried.split_at(3 * pad);
         for c in 0..3 {
-            let to = &mut out[c * pad + at..c * pad + at + WIDTH];
-            let from: &[f32; WIDTH] = chunk(rest, c * pad + at);
-            if !transforms.turning {
-                for l in 0..WIDTH {
-                    to[l] = blend[TRANSLATION + c][l].mul_add(scale[l], from[l]);
-                }
-                continue;
+            let (offset, velocity) = (&offset[c * pad..(c + 1) * pad], &velocity[c * pad..(c + 1) * pad]);
+            let moved = &mut moved[c][..pad];
+            for i in 0..pad {
+                moved[i] += back.value(offset[i], velocity[i]);
             }
-            for l in 0..WIDTH {
-                let turned = blend[3 * c][l].mul_add(
-                    x[l],
-                    blend[3 * c + 1][l].mul_add(y[l], blend[3 * c + 2][l].mul_add(z[l], blend[9 + c][l])),
-                );
-                to[l] = turned.mul_add(scale[l], from[l]);
+        }
+    }
+    let n = out.len();
+    let out = &mut out.as_flattened_mut()[..3 * n];
+    let [x, y, z] = &moved;
+    let (x, y, z) = (&x[..n], &y[..n], &z[..n]);
+    match frame {
+        None => {
+            for i in 0..n {
+                out[3 * i] = x[i];
+                out[3 * i + 1] = y[i];
+                out[3 * i + 2] = z[i];
+            }
+        }
+        Some(frame) => {
+            let [(a, p), (b, q), (c, r)] = [frame.row(0), frame.row(1), frame.row(2)];
+            for i in 0..n {
+                out[3 * i] = a[0].mul_add(x[i], a[1].mul_add(y[i], a[2].mul_add(z[i], p)));
+                out[3 * i + 1] = b[0].mul_add(x[i], b[1].mul_add(y[i], b[2].mul_add(z[i], q)));
+                out[3 * i + 2] = c[0].mul_add(x[i], c[1].mul_add(y[i], c[2].mul_add(z[i], r)));
             }
         }
     }
 }
 
+/// Sums what each guide adds to a strand's rest by its weight, into `moved`, and what the sums are to be multiplied by, into `scale`.
 #[inline(always)]
-fn chunk(values: &[f32], at: usize) -> &[f32; WIDTH] {
-    values[at..at + WIDTH].try_into().expect("a slice of WIDTH values")
+fn blend(
+    rest: &[f32],
+    u: &[f32],
+    set: &ActiveSet,
+    transforms: &TransformArrays,
+    scale: &mut [f32; MAX_PARTICLES],
+    moved: &mut [[f32; MAX_PARTICLES]; 3],
+) {
+    let pad = transforms.pad;
+    let (rx, others) = rest.split_at(pad);
+    let (ry, rz) = others.split_at(pad);
+    let (u, rz) = (&u[..pad], &rz[..pad]);
+    let [mx, my, mz] = moved;
+    let (sum, mx, my, mz) = (&mut scale[..pad], &mut mx[..pad], &mut my[..pad], &mut mz[..pad]);
+    for b in 0..usize::from(set.n) {
+        let poly = set.weights[b];
+        let arrays = transforms.of_guide(usize::from(set.guides[b]));
+        let shifts = &arrays[TRANSLATION * pad..];
+        let (tx, others) = shifts.split_at(pad);
+        let (ty, tz) = others.split_at(pad);
+        let tz = &tz[..pad];
+        if transforms.turning {
+            let row = |k: usize| &arrays[k * pad..(k + 1) * pad];
+            let rows = [row(0), row(1), row(2), row(3), row(4), row(5), row(6), row(7), row(8)];
+            let [a, b, c, d, e, f, g, h, k] = rows;
+            for i in 0..pad {
+                let w = poly.quad.mul_add(u[i], poly.lin).mul_add(u[i], poly.con).max(0.0);
+                sum[i] += w;
+                let bx = a[i].mul_add(rx[i], b[i].mul_add(ry[i], c[i].mul_add(rz[i], tx[i])));
+                let by = d[i].mul_add(rx[i], e[i].mul_add(ry[i], f[i].mul_add(rz[i], ty[i])));
+                let bz = g[i].mul_add(rx[i], h[i].mul_add(ry[i], k[i].mul_add(rz[i], tz[i])));
+                mx[i] = w.mul_add(bx, mx[i]);
+                my[i] = w.mul_add(by, my[i]);
+                mz[i] = w.mul_add(bz, mz[i]);
+            }
+        } else {
+            for i in 0..pad {
+                let w = poly.quad.mul_add(u[i], poly.lin).mul_add(u[i], poly.con).max(0.0);
+                sum[i] += w;
+                mx[i] = w.mul_add(tx[i], mx[i]);
+                my[i] = w.mul_add(ty[i], my[i]);
+                mz[i] = w.mul_add(tz[i], mz[i]);
+            }
+        }
+    }
+    for s in sum {
+        *s = if *s > 0.0 { 1.0 / *s } else { 0.0 };
+    }
 }
 
 /// The plain reading of AS16 Eq. (5) for one particle: the reference that [`interpolate`] is tested against.

@@ -6,14 +6,21 @@
 
 mod assign;
 mod clusters;
+mod correct;
 mod error;
 mod graph;
 mod guides;
-mod hair_contact;
+mod hair_hair;
 mod interpolate;
+mod look;
+mod offset;
 mod params;
+mod read;
+mod response;
 mod runtime;
+mod solid_in_head;
 mod step;
+mod strands;
 mod timings;
 mod two_way;
 
@@ -21,7 +28,8 @@ pub use clusters::Clusters;
 pub use error::Error;
 pub use graph::GuideGraph;
 pub use guides::{material_of, record_of};
-pub use params::{AssignParams, ResidualParams, RuntimeParams, TwoWayParams};
+pub use hair_hair::{HairHairParams, HairHairReport};
+pub use params::{AssignParams, Correction, ResidualParams, RuntimeParams, TwoWayParams, TwoWaySolve};
 pub use runtime::Runtime;
 pub use step::{StepInput, StepReport};
 pub use timings::StageTimings;

@@ -1,6 +1,7 @@
 //! How the runtime chooses sets and corrects contact: named presets, every field public.
 
 use crate::error::Error;
+use crate::hair_hair::HairHairParams;
 use strand_sim::StepParams;
 
 /// Choice of guide sets (AS16 §4.3).
@@ -22,11 +23,25 @@ pub struct AssignParams {
     pub avoidance: bool,
 }
 
+/// How the effective forces on guides are found (AS16 Eq. 4).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TwoWaySolve {
+    /// Exactly, from rows built anew at each step: the reference, and much the slower.
+    LeastSquares,
+    /// By a fixed number of conjugate-gradient steps from the last step's answer, on a matrix kept from step to step.
+    ConjugateGradients {
+        /// Steps taken.
+        iterations: u32,
+    },
+}
+
 /// Effective forces of normal hairs on guides (AS16 §5.2).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TwoWayParams {
     /// Whether normal hairs push back on their guides.
     pub enabled: bool,
+    /// How they are found.
+    pub solve: TwoWaySolve,
     /// Penalty stiffness on normal hairs as a multiple of a particle's m/dt². The force acts one step late and explicitly,
     /// so from about one on guides oscillate.
     pub stiffness_over_inertia: f64,
@@ -41,20 +56,33 @@ pub struct TwoWayParams {
     pub max_acceleration: f64,
 }
 
-/// Residual correction of single strands: a linearised strand about the skinned one.
+/// What is done for a strand that its guides lead into a solid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Correction {
+    /// Nothing: it goes through (AS16 to the letter, which trusts to sets and two-way forces).
+    None,
+    /// Its particles are moved out one by one at the end of a step, and the next step knows nothing of it (Chai 2014).
+    Position,
+    /// It is held off by an offset carried from step to step.
+    Carried,
+}
+
+/// Residual correction of single strands.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ResidualParams {
-    /// Whether strands near solids are corrected one by one. Without it the offset only fades out changes of set.
-    pub contact: bool,
-    /// Rate at which an offset that nothing holds returns, 1/s.
+    /// How strands near solids are corrected.
+    pub correction: Correction,
+    /// Rate at which an offset that nothing holds returns, damped critically, 1/s.
     pub return_rate: f64,
-    /// Mass-proportional damping of the offset's velocity, 1/s.
-    pub damping: f64,
+    /// Time over which a strand's inertia resists a push, s: the longer, the farther along the strand a push is felt.
+    pub response_time_s: f64,
     /// Most substeps a step is divided into for a strand near a moving solid.
     pub max_substeps: usize,
     /// Relative motion of strand and solid per substep, as a multiple of the solid's least half-thickness.
     pub motion_per_substep: f64,
-    /// Offsets below this (cm) with velocities below it per 10 ms are dropped.
+    /// Largest speed of an offset, cm/s.
+    pub max_speed: f64,
+    /// Offsets that stay below this are dropped, cm.
     pub rest_cm: f64,
 }
 
@@ -69,6 +97,8 @@ pub struct RuntimeParams {
     pub two_way: TwoWayParams,
     /// Residual correction.
     pub residual: ResidualParams,
+    /// Hair-hair correction of what is read; off in every preset, since a read then costs several times as much.
+    pub hair_hair: HairHairParams,
     /// Resolution of the interpolation check, as a multiple of a solid's least half-thickness.
     pub gap_resolution: f32,
 }
@@ -89,6 +119,7 @@ impl RuntimeParams {
             },
             two_way: TwoWayParams {
                 enabled: true,
+                solve: TwoWaySolve::ConjugateGradients { iterations: 6 },
                 stiffness_over_inertia: 0.3,
                 idle_row_weight: 0.05,
                 ridge: 1e-3,
@@ -96,13 +127,15 @@ impl RuntimeParams {
                 max_acceleration: 2e3,
             },
             residual: ResidualParams {
-                contact: true,
+                correction: Correction::Carried,
                 return_rate: 5.0,
-                damping: 10.0,
+                response_time_s: 0.03,
                 max_substeps: 8,
-                motion_per_substep: 0.6,
+                motion_per_substep: 2.0,
+                max_speed: 300.0,
                 rest_cm: 1e-4,
             },
+            hair_hair: HairHairParams { enabled: false, ..HairHairParams::standard() },
             gap_resolution: 0.5,
         }
     }
@@ -120,7 +153,7 @@ impl RuntimeParams {
     pub fn fixed() -> Self {
         let mut params = Self::no_two_way();
         params.assign.adapt = false;
-        params.residual.contact = false;
+        params.residual.correction = Correction::None;
         params
     }
 
@@ -131,9 +164,10 @@ impl RuntimeParams {
         let mut params = Self::adaptive();
         params.assign.cost_tolerance_cm = 0.0;
         params.assign.growth_tolerance_cm = -1.0;
+        params.two_way.solve = TwoWaySolve::LeastSquares;
         params.two_way.idle_row_weight = 1.0;
         params.two_way.memory = 0.0;
-        params.residual.contact = false;
+        params.residual.correction = Correction::None;
         params
     }
 
@@ -143,14 +177,22 @@ impl RuntimeParams {
     /// [`Error::BadParameter`] names the first field out of range.
     pub fn validate(&self) -> Result<(), Error> {
         let bad = |name, value, expected| Err(Error::BadParameter { name, value, expected });
+        self.hair_hair.validate()?;
         if self.residual.max_substeps == 0 {
             return bad("residual.max_substeps", 0.0, "at least one");
         }
         if self.assign.growth_period == 0 {
             return bad("assign.growth_period", 0.0, "at least one");
         }
+        if self.two_way.solve == (TwoWaySolve::ConjugateGradients { iterations: 0 }) {
+            return bad("two_way.solve.iterations", 0.0, "at least one");
+        }
         for (name, value) in [
             ("residual.motion_per_substep", self.residual.motion_per_substep),
+            ("residual.return_rate", self.residual.return_rate),
+            ("residual.response_time_s", self.residual.response_time_s),
+            ("residual.max_speed", self.residual.max_speed),
+            ("residual.rest_cm", self.residual.rest_cm),
             ("two_way.stiffness_over_inertia", self.two_way.stiffness_over_inertia),
             ("gap_resolution", f64::from(self.gap_resolution)),
             ("two_way.ridge", self.two_way.ridge),

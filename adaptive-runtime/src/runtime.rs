@@ -2,38 +2,26 @@
 
 use crate::assign::{Scratch, best_set, decode};
 use crate::clusters::Clusters;
+use crate::correct::{Hold, MAX_SOLIDS, Work};
 use crate::error::Error;
 use crate::graph::GuideGraph;
 use crate::guides::{Guides, material_of};
-use crate::hair_contact::HairContact;
-use crate::interpolate::{ActiveSet, padded};
+use crate::hair_hair::HairHair;
+use crate::interpolate::{MAX_PARTICLES, TransformArrays, padded};
+use crate::offset::N_FIXED;
 use crate::params::RuntimeParams;
-use crate::two_way::{ContactRow, TwoWay};
+use crate::response::Response;
+use crate::strands::Strands;
+use crate::two_way::{ContactPoint, TwoWay};
 use collision::Solid;
-use collision::cull::DistanceBound;
 use io_formats::skinning_model::SkinningModel;
 use nalgebra::{Isometry3, Point3, Vector3};
 use strand_sim::Material;
 
-/// One hair's choice and correction state.
-#[derive(Clone, Debug)]
-pub(crate) struct Strand {
-    /// Index of the guide set within the strand's kept sets.
-    pub set: u16,
-    pub active_set: ActiveSet,
-    /// Whether the strand carries an offset.
-    pub has_offset: bool,
-    /// Whether the strand is to be corrected in this step.
-    pub listed: bool,
-    /// Whether it may meet a solid in this step.
-    pub near: bool,
-    /// Lower bound of the distance to any solid but the head.
-    pub clearance: DistanceBound,
-}
-
 /// Hair of one head: a skinning model in motion among solids.
 ///
-/// Positions are in the world frame, cm, strand-major, root first.
+/// [`Runtime::step`] moves guides and what solids touch; [`Runtime::read`] brings every hair's positions up to date. A state does not
+/// depend on how often it is read. Positions are in the world frame, cm, strand-major, root first.
 #[derive(Debug)]
 pub struct Runtime {
     pub(crate) model: SkinningModel,
@@ -44,34 +32,40 @@ pub struct Runtime {
     pub(crate) world_from_head: Isometry3<f64>,
     pub(crate) world_from_solids: Vec<Isometry3<f64>>,
     pub(crate) step_number: u64,
+    /// Time since the runtime was made, s.
+    pub(crate) time: f64,
     pub(crate) guides: Guides,
+    /// Guides' transforms before the last step.
+    pub(crate) transforms_before: TransformArrays,
+    pub(crate) guide_travel: Vec<f32>,
     pub(crate) graph: GuideGraph,
     pub(crate) clusters: Clusters,
-    pub(crate) strands: Vec<Strand>,
-    /// Rest positions: per strand three arrays (x, y, z) of `pad` values; padding repeats the tip.
-    pub(crate) rest: Vec<f32>,
-    /// Position of each particle along its strand, 0 to 1, padded with one.
-    pub(crate) u: Vec<f32>,
-    pub(crate) pad: usize,
+    /// Index of each strand's guide set within its kept sets.
+    pub(crate) sets: Vec<u16>,
+    pub(crate) strands: Strands,
+    pub(crate) response: Response,
     pub(crate) positions: Vec<[f32; 3]>,
     pub(crate) previous: Vec<[f32; 3]>,
-    /// Offset from the skinned strand and its velocity, head frame, cm and cm/s.
-    pub(crate) offset: Vec<[f32; 3]>,
-    pub(crate) offset_velocity: Vec<[f32; 3]>,
-    pub(crate) hair_contact: HairContact,
     pub(crate) two_way: TwoWay,
-    pub(crate) contact_rows: Vec<ContactRow>,
-    pub(crate) spare_rows: Vec<ContactRow>,
+    /// Contacts of normal hairs in this step, sorted by strand.
+    pub(crate) contact_points: Vec<ContactPoint>,
+    /// Hair-hair correction of reads, and the head's pose at the last one.
+    pub(crate) hair_hair: Option<HairHair>,
+    pub(crate) world_from_head_read: Isometry3<f64>,
     pub(crate) workers: Vec<Worker>,
+    pub(crate) skins: [Vec<f32>; 2],
 }
 
-/// Buffers of one worker of the strand pass.
+/// Buffers of one part of the strands, the same whatever the number of threads.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Worker {
     pub scratch: Scratch,
-    pub skin: Vec<f32>,
-    pub old_skin: Vec<f32>,
-    pub switches: u32,
+    pub work: Work,
+    pub changes: Vec<(u32, u16)>,
+    pub holds: Vec<Hold>,
+    pub near: u32,
+    pub pushed: u32,
+    pub lost: u32,
 }
 
 impl Runtime {
@@ -95,60 +89,64 @@ impl Runtime {
         if solids.len() != world_from_solids.len() {
             return Err(Error::SolidCount { given: world_from_solids.len(), expected: solids.len() });
         }
+        if solids.len() > MAX_SOLIDS {
+            return Err(Error::TooMany { what: "solids", given: solids.len(), most: MAX_SOLIDS });
+        }
         let n = model.n_particles as usize;
+        if n > MAX_PARTICLES {
+            return Err(Error::TooMany { what: "particles per strand", given: n, most: MAX_PARTICLES });
+        }
         let n_strands = model.n_strands as usize;
         let pad = padded(n);
         let guides = Guides::new(&model, &world_from_head, head.as_ref(), &params.guides)?;
         let graph = GuideGraph::new(&model);
         let clusters = Clusters::new(&graph);
-        let strands = (0..n_strands)
-            .map(|s| {
-                let set = best_set(&model, s);
-                let active_set = decode(&model, s, set);
-                Strand {
-                    set,
-                    active_set,
-                    has_offset: false,
-                    listed: false,
-                    near: false,
-                    clearance: DistanceBound::unknown(),
-                }
-            })
-            .collect();
-        let mut rest = Vec::with_capacity(n_strands * 3 * pad);
-        let mut positions = Vec::with_capacity(n_strands * n);
-        for s in 0..n_strands {
-            let points = model.rest_of(s);
-            for c in 0..3 {
-                rest.extend((0..pad).map(|i| points[i.min(n - 1)][c]));
-            }
-            positions.extend(points.iter().map(|&p| to_world(&world_from_head, p)));
-        }
-        let two_way = TwoWay::new(model.n_guides(), n);
+        let sets: Vec<u16> = (0..n_strands).map(|s| best_set(&model, s)).collect();
+        let active = (0..n_strands).map(|s| decode(&model, s, sets[s])).collect();
+        let strands = Strands::new(&model, pad, active);
+        let positions: Vec<[f32; 3]> =
+            (0..n_strands).flat_map(|s| model.rest_of(s)).map(|&p| to_world(&world_from_head, p)).collect();
+        let material = material_of(&model.material);
+        let response = Response::new(
+            n,
+            pad,
+            mean_spacing_cm(&model),
+            &material,
+            params.guides.gravity.norm(),
+            params.residual.response_time_s,
+        );
+        let hair_hair = if params.hair_hair.enabled {
+            let rest: Vec<[f32; 3]> = (0..n_strands).flat_map(|s| model.rest_of(s).iter().copied()).collect();
+            Some(HairHair::new(&rest, n, N_FIXED, head.as_ref(), params.hair_hair)?)
+        } else {
+            None
+        };
+        let two_way = TwoWay::of_model(&model, strands.active.iter(), &params.two_way);
         Ok(Self {
-            material: material_of(&model.material),
+            material,
             params,
             head,
             solids,
             world_from_head,
             world_from_solids: world_from_solids.to_vec(),
             step_number: 0,
+            time: 0.0,
+            transforms_before: guides.arrays.clone(),
             guides,
+            guide_travel: Vec::new(),
             graph,
             clusters,
+            sets,
             strands,
-            rest,
-            u: (0..pad).map(|i| i.min(n - 1) as f32 / (n - 1) as f32).collect(),
-            pad,
+            response,
             previous: positions.clone(),
-            offset: vec![[0.0; 3]; positions.len()],
-            offset_velocity: vec![[0.0; 3]; positions.len()],
             positions,
-            hair_contact: HairContact::default(),
             two_way,
-            contact_rows: Vec::new(),
-            spare_rows: Vec::new(),
+            contact_points: Vec::new(),
+            hair_hair,
+            world_from_head_read: world_from_head,
             workers: Vec::new(),
+            skins: [Vec::new(), Vec::new()],
             model,
         })
     }
@@ -156,7 +154,7 @@ impl Runtime {
     /// Strands.
     #[must_use]
     pub fn n_strands(&self) -> usize {
-        self.strands.len()
+        self.sets.len()
     }
 
     /// Particles per strand.
@@ -165,13 +163,13 @@ impl Runtime {
         self.model.n_particles as usize
     }
 
-    /// Positions after the last step.
+    /// Positions as of the last [`Runtime::read`]; of the hair at rest before the first.
     #[must_use]
     pub fn positions(&self) -> &[[f32; 3]] {
         &self.positions
     }
 
-    /// Positions after the step before it, for motion blur.
+    /// Positions as of the read before it, for motion blur.
     #[must_use]
     pub fn previous_positions(&self) -> &[[f32; 3]] {
         &self.previous
@@ -204,7 +202,7 @@ impl Runtime {
     /// Guides a strand is interpolated from at present.
     #[must_use]
     pub fn guide_set(&self, strand: usize) -> &[u16] {
-        let set = &self.strands[strand].active_set;
+        let set = &self.strands.active[strand];
         &set.guides[..usize::from(set.n)]
     }
 
@@ -212,30 +210,34 @@ impl Runtime {
     #[must_use]
     pub fn effective_guides(&self, strand: usize) -> f64 {
         let n = self.n_particles();
-        let set = &self.strands[strand].active_set;
+        let set = &self.strands.active[strand];
         let of = |i: usize| {
-            let sum: f32 = set.weights_at(self.u[i]).iter().map(|w| w * w).sum();
+            let sum: f32 = set.weights_at(self.strands.u[i]).iter().map(|w| w * w).sum();
             1.0 / f64::from(sum)
         };
         (0..n).map(of).sum::<f64>() / n as f64
     }
 
-    /// A hash of positions, offsets and sets: equal states have equal hashes.
+    /// A hash of guides, offsets and sets: equal states have equal hashes, however often they were read.
     #[must_use]
     pub fn state_hash(&self) -> u64 {
         // FNV-1a over the bits; no cryptography is needed to see a difference.
         let mut hash = 0xcbf2_9ce4_8422_2325_u64;
         let mut mix = |bits: u64| hash = (hash ^ bits).wrapping_mul(0x0100_0000_01b3);
-        for p in self.positions.iter().chain(&self.offset).chain(self.guides.position_in_head()) {
-            p.iter().for_each(|x| mix(u64::from(x.to_bits())));
-        }
-        for strand in &self.strands {
-            mix(u64::from(strand.set));
+        self.guides.position_in_head().iter().flatten().for_each(|x| mix(u64::from(x.to_bits())));
+        self.sets.iter().for_each(|&set| mix(u64::from(set)));
+        let strands = &self.strands;
+        for (at, carried) in strands.carried.chunks_exact(6 * strands.pad).enumerate() {
+            if strands.fades[at].carries(self.time) {
+                mix(u64::from(strands.slots[at].strand));
+                mix(strands.fades[at].stamp.to_bits());
+                carried.iter().for_each(|x| mix(u64::from(x.to_bits())));
+            }
         }
         hash
     }
 
-    /// Sets all guides in the head frame and interpolates every strand from its best-trained set, without dynamics or
+    /// Sets all guides in the head frame and reads every strand as its present set skins it, without dynamics or
     /// contact: to replay recorded guides. `guides_in_head` is ordered as [`Runtime::guides_in_head`].
     ///
     /// # Panics
@@ -243,7 +245,8 @@ impl Runtime {
     pub fn replay(&mut self, guides_in_head: &[[f32; 3]], world_from_head: &Isometry3<f64>) {
         self.guides.place(guides_in_head);
         self.world_from_head = *world_from_head;
-        self.interpolate_all();
+        self.strands.forget_offsets();
+        self.read();
     }
 }
 
@@ -253,4 +256,16 @@ pub(crate) fn to_world(world_from_head: &Isometry3<f64>, p: [f32; 3]) -> [f32; 3
     }
     let x: Vector3<f64> = Vector3::from(p).cast();
     world_from_head.transform_point(&Point3::from(x)).coords.cast::<f32>().into()
+}
+
+/// Mean length of a segment at rest, cm.
+fn mean_spacing_cm(model: &SkinningModel) -> f64 {
+    let (mut sum, mut count) = (0.0, 0u64);
+    for s in 0..model.n_strands as usize {
+        for w in model.rest_of(s).windows(2) {
+            sum += f64::from((Vector3::from(w[1]) - Vector3::from(w[0])).norm());
+            count += 1;
+        }
+    }
+    sum / count.max(1) as f64
 }

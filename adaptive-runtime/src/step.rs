@@ -1,20 +1,26 @@
 //! One interactive step: the only place that knows the order of the stages.
 
 use crate::assign::{choose, decode};
+use crate::correct::{Hold, Outcome, Surroundings, Travel, correct};
 use crate::graph::EdgeRule;
-use crate::hair_contact::{LaneInput, N_FIXED, ResidualInput, get, penalty_forces};
 use crate::interpolate::interpolate;
-use crate::params::TwoWayParams;
-use crate::runtime::{Runtime, Strand, Worker, to_world};
+use crate::params::Correction;
+use crate::runtime::{Runtime, Worker};
+use crate::solid_in_head::SolidInHead;
+use crate::strands::GROUP;
 use crate::timings::{StageTimings, timed};
-use crate::two_way::ContactRow;
-use collision::cull::DistanceBound;
+use crate::two_way::{ContactPoint, Round};
 use collision::{MovingSolid, SolidPose};
 use io_formats::skinning_model::SkinningModel;
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
 use strand_sim::Material;
-use strand_sim::lanes::Lane3;
+
+/// Groups of strands that one worker's part holds.
+const GROUPS_PER_PART: usize = 16;
+
+/// Strands of a part.
+const PART: usize = GROUPS_PER_PART * GROUP;
 
 /// What drives a step.
 #[derive(Clone, Copy, Debug)]
@@ -34,9 +40,9 @@ pub struct StepReport {
     pub timings: StageTimings,
     /// Segment contacts of guides.
     pub guide_contacts: u64,
-    /// Strands corrected one by one.
+    /// Strands looked at one by one for contact.
     pub corrected_strands: u32,
-    /// Strands in contact with a solid.
+    /// Strands pushed by a solid.
     pub strands_in_contact: u32,
     /// Guides pushed by normal hairs.
     pub guides_pushed: u32,
@@ -49,7 +55,7 @@ pub struct StepReport {
 }
 
 impl Runtime {
-    /// Advances the hair by one step.
+    /// Advances the hair by one step. Positions stay as last read until [`Runtime::read`].
     ///
     /// # Panics
     /// If the number of poses is not that of the solids.
@@ -71,8 +77,16 @@ impl Runtime {
             solid,
             pose: SolidPose { from: self.world_from_head, to: input.world_from_head },
         });
-        std::mem::swap(&mut self.positions, &mut self.previous);
+        let (head_before, head_now) = (self.world_from_head.inverse(), input.world_from_head.inverse());
+        let in_head: Vec<SolidInHead> = moving
+            .iter()
+            .map(|m| {
+                let pose = SolidPose { from: head_before * m.pose.from, to: head_now * m.pose.to };
+                SolidInHead::new(m.solid, pose)
+            })
+            .collect();
 
+        self.transforms_before.copy_from(&self.guides.arrays);
         let guide_report = timed(&mut report.timings.guide_sim, || {
             let mut all: Vec<MovingSolid> = moving.clone();
             all.extend(moving_head);
@@ -82,6 +96,11 @@ impl Runtime {
         });
         report.guide_contacts = guide_report.contacts;
         report.quarantined += guide_report.quarantined;
+        self.world_from_head = input.world_from_head;
+        self.time += input.dt;
+        let solid_cm = in_head.iter().map(|s| s.moved).fold(0.0, f32::max);
+        let (before, now) = (&self.transforms_before, &self.guides.arrays);
+        self.strands.travel(&self.model, before, now, solid_cm, &mut self.guide_travel);
 
         if self.params.assign.adapt {
             timed(&mut report.timings.graph, || {
@@ -94,17 +113,19 @@ impl Runtime {
                 self.graph.update(&self.model, &motion, &moving, rule);
             });
             timed(&mut report.timings.clusters, || self.clusters.update(&self.graph));
+            report.set_changes = timed(&mut report.timings.assignment, || self.assign());
         }
         report.connectivity = self.graph.connectivity();
 
-        report.set_changes =
-            timed(&mut report.timings.assign_interpolate, || self.assign_and_interpolate(input, &moving));
-        let mut hair_contact = std::time::Duration::ZERO;
-        timed(&mut hair_contact, || self.correct(input, &moving, moving_head, &mut report));
-        report.timings.hair_contact = hair_contact;
-        report.guides_pushed = timed(&mut report.timings.two_way, || self.push_back()) as u32;
+        let near =
+            !in_head.is_empty() && (self.params.residual.correction != Correction::None || self.params.two_way.enabled);
+        if near {
+            let mut hair_contact = std::time::Duration::ZERO;
+            timed(&mut hair_contact, || self.meet_solids(input.dt, &in_head, head.as_ref(), &mut report));
+            report.timings.hair_contact = hair_contact;
+        }
+        report.guides_pushed = timed(&mut report.timings.two_way, || self.push_back(input.dt)) as u32;
 
-        self.world_from_head = input.world_from_head;
         self.world_from_solids.copy_from_slice(input.world_from_solids);
         self.step_number += 1;
         self.solids = solids;
@@ -112,171 +133,129 @@ impl Runtime {
         report
     }
 
-    /// Chooses each hair's set, interpolates it, and marks the hairs to be corrected; returns how many changed set.
-    fn assign_and_interpolate(&mut self, input: &StepInput, moving: &[MovingSolid]) -> u32 {
-        let n = self.n_particles();
-        let n_strands = self.strands.len();
-        let n_workers = (8 * rayon::current_num_threads()).min(n_strands.max(1));
-        let slice = n_strands.div_ceil(n_workers).max(1);
-        if self.workers.len() < n_workers {
-            self.workers.resize_with(n_workers, Worker::default);
-        }
-        let pass = Pass {
-            model: &self.model,
-            params: &self.params,
-            graph: &self.graph,
-            clusters: &self.clusters,
-            transforms: &self.guides.arrays,
-            rest: &self.rest,
-            u: &self.u,
-            pad: self.pad,
-            previous: &self.previous,
-            step_number: self.step_number,
-            moving,
-            world_from_head: input.world_from_head,
-            moved_by_solids: moving.iter().map(MovingSolid::max_displacement).fold(0.0, f64::max) as f32,
-        };
-        self.strands
-            .par_chunks_mut(slice)
-            .zip(self.positions.par_chunks_mut(slice * n))
-            .zip(self.offset.par_chunks_mut(slice * n))
-            .zip(self.workers.par_iter_mut())
-            .enumerate()
-            .for_each(|(chunk, (((strands, positions), offsets), worker))| {
-                worker.switches = 0;
-                for (k, strand) in strands.iter_mut().enumerate() {
-                    let of = k * n..(k + 1) * n;
-                    pass.strand(chunk * slice + k, strand, &mut positions[of.clone()], &mut offsets[of], worker);
+    /// Chooses each hair's set; returns how many changed.
+    fn assign(&mut self) -> u32 {
+        let n_strands = self.sets.len();
+        self.fit_workers(n_strands.div_ceil(PART));
+        let (model, graph, clusters) = (&self.model, &self.graph, &self.clusters);
+        let (transforms, assign, step_number) = (&self.guides.arrays, &self.params.assign, self.step_number);
+        self.sets.par_chunks(PART).zip(self.workers.par_iter_mut()).enumerate().for_each(|(part, (sets, worker))| {
+            worker.changes.clear();
+            for (k, &set) in sets.iter().enumerate() {
+                let s = part * PART + k;
+                let may_grow = (step_number + s as u64).is_multiple_of(u64::from(assign.growth_period));
+                let scratch = &mut worker.scratch;
+                if let Some(set) = choose(model, s, set, graph, clusters, transforms, assign, may_grow, scratch) {
+                    worker.changes.push((s as u32, set));
                 }
-            });
-        let n_used = n_strands.div_ceil(slice);
-        self.workers[..n_used].iter().map(|w| w.switches).sum()
-    }
-
-    /// Interpolates every strand from its current set at the guides' current state; no correction.
-    pub(crate) fn interpolate_all(&mut self) {
-        let n = self.n_particles();
-        let pad = self.pad;
-        let mut skin = vec![0.0; 3 * pad];
-        for s in 0..self.strands.len() {
-            let rest = &self.rest[s * 3 * pad..(s + 1) * 3 * pad];
-            interpolate(rest, &self.u, &self.strands[s].active_set, &self.guides.arrays, &mut skin);
-            for i in 0..n {
-                let p = [skin[i], skin[pad + i], skin[2 * pad + i]];
-                self.positions[s * n + i] = to_world(&self.world_from_head, p);
-            }
-        }
-    }
-
-    /// Residual correction of the marked strands; leaves their contact forces in `contact_rows`.
-    fn correct(
-        &mut self,
-        input: &StepInput,
-        moving: &[MovingSolid],
-        head: Option<MovingSolid>,
-        report: &mut StepReport,
-    ) {
-        let n = self.n_particles();
-        self.spare_rows.append(&mut self.contact_rows);
-        // Strands near a solid first: a batch without any of them takes a single substep.
-        let strands = &self.strands;
-        let listed = |near: bool| {
-            let wanted = move |strand: &Strand| strand.listed && strand.near == near;
-            (0..strands.len() as u32).filter(move |&s| wanted(&strands[s as usize]))
-        };
-        self.hair_contact.list(n, listed(true).chain(listed(false)));
-        let (before, after) = (&self.previous, &self.positions);
-        let (offset, offset_velocity, model) = (&self.offset, &self.offset_velocity, &self.model);
-        let residual = ResidualInput {
-            dt: input.dt,
-            solids: moving,
-            head,
-            params: &self.params.residual,
-            contact: &self.params.guides.contact,
-            material: &self.material,
-            gravity_cm_per_s2: self.params.guides.gravity.norm(),
-            world_from_head_before: self.world_from_head.rotation,
-        };
-        self.hair_contact.solve(&residual, |s| {
-            let of = s as usize * n..(s as usize + 1) * n;
-            LaneInput {
-                before: &before[of.clone()],
-                after: &after[of.clone()],
-                offset: &offset[of.clone()],
-                offset_velocity: &offset_velocity[of],
-                rest: model.rest_of(s as usize),
-                near: strands[s as usize].near,
             }
         });
-        if !self.params.residual.contact && self.params.two_way.enabled {
-            for (s, _) in self.strands.iter().enumerate().filter(|(_, strand)| strand.near) {
-                let mut row = take_row(&mut self.spare_rows, s as u32, n);
-                let (now, before) = (&self.positions[s * n..(s + 1) * n], &self.previous[s * n..(s + 1) * n]);
-                let stiffness = penalty_stiffness(&self.model, &self.material, &self.params.two_way, s, input.dt);
-                let contact = &self.params.guides.contact;
-                if penalty_forces(now, before, moving, stiffness, input.dt, contact, &mut row.forces) {
-                    report.strands_in_contact += 1;
-                    self.contact_rows.push(row);
-                } else {
-                    self.spare_rows.push(row);
-                }
+        let residual = &self.params.residual;
+        let mut count = 0;
+        for worker in &self.workers {
+            for &(strand, set) in &worker.changes {
+                let s = strand as usize;
+                self.sets[s] = set;
+                let (rate, least) = (residual.return_rate, residual.rest_cm);
+                let active = decode(&self.model, s, set);
+                self.two_way.set_changed(strand, &self.strands.active[s], &active);
+                self.strands.change_set(s, active, transforms, self.time, rate, least, &mut self.skins);
+                count += 1;
             }
         }
-        let head_from_world = input.world_from_head.rotation.inverse();
-        for batch in self.hair_contact.batches() {
-            report.corrected_strands += batch.strands.len() as u32;
-            for (lane, &s) in batch.strands.iter().enumerate() {
-                let stiffness =
-                    penalty_stiffness(&self.model, &self.material, &self.params.two_way, s as usize, input.dt);
-                let strand = &mut self.strands[s as usize];
-                let of = s as usize * n;
-                if !lane_is_finite(&batch.offset, lane) || !lane_is_finite(&batch.velocity, lane) {
-                    report.quarantined += 1;
-                    clear(strand, &mut self.offset[of..of + n], &mut self.offset_velocity[of..of + n]);
-                    continue;
-                }
-                let mut largest: f64 = 0.0;
-                for i in N_FIXED..n {
-                    let (d, v) = (get(&batch.offset[i], lane), get(&batch.velocity[i], lane));
-                    largest = largest.max(d.norm_squared()).max(v.norm_squared() * 1e-4);
-                    let p = &mut self.positions[of + i];
-                    for c in 0..3 {
-                        p[c] += d[c] as f32;
+        count
+    }
+
+    fn fit_workers(&mut self, n: usize) {
+        if self.workers.len() < n {
+            self.workers.resize_with(n, Worker::default);
+        }
+    }
+
+    /// Corrects every strand that may be in reach of a solid, and leaves what holds them in the workers.
+    fn meet_solids(
+        &mut self,
+        dt: f64,
+        solids: &[SolidInHead],
+        head: Option<&collision::Solid>,
+        report: &mut StepReport,
+    ) {
+        self.fit_workers(self.strands.groups.len().div_ceil(GROUPS_PER_PART));
+        let strands = &mut self.strands;
+        let (n, pad) = (strands.n_particles, strands.pad);
+        let around =
+            Surroundings { dt, time: self.time, solids, head, params: &self.params, response: &self.response, pad, n };
+        let (transforms, before) = (&self.guides.arrays, &self.transforms_before);
+        let (rests, actives, u) = (&strands.rest, &strands.active, &strands.u);
+        strands
+            .groups
+            .par_chunks_mut(GROUPS_PER_PART)
+            .zip(strands.slots.par_chunks_mut(PART))
+            .zip(strands.fades.par_chunks_mut(PART))
+            .zip(strands.carried.par_chunks_mut(PART * 6 * pad))
+            .zip(self.workers.par_iter_mut())
+            .for_each(|((((groups, slots), fades), carried), worker)| {
+                worker.holds.clear();
+                (worker.near, worker.pushed, worker.lost) = (0, 0, 0);
+                worker.work.resize(pad);
+                let members =
+                    slots.chunks_mut(GROUP).zip(fades.chunks_mut(GROUP)).zip(carried.chunks_mut(GROUP * 6 * pad));
+                for (group, ((slots, fades), carried)) in groups.iter_mut().zip(members) {
+                    if group.travel < group.wake_at && around.time < group.wake_from {
+                        continue;
                     }
-                    self.offset[of + i] = (head_from_world * d).cast::<f32>().into();
-                    self.offset_velocity[of + i] = (head_from_world * v).cast::<f32>().into();
-                }
-                if strand.near && self.params.residual.contact {
-                    strand.clearance = DistanceBound::at_least(batch.clearance[lane] as f32);
-                }
-                if largest.sqrt() < self.params.residual.rest_cm && !batch.touched[lane] {
-                    // What is dropped here is below what a position can show.
-                    clear(strand, &mut self.offset[of..of + n], &mut self.offset_velocity[of..of + n]);
-                } else {
-                    strand.has_offset = true;
-                }
-                if batch.touched[lane] {
-                    report.strands_in_contact += 1;
-                    let mut row = take_row(&mut self.spare_rows, s, n);
-                    // The penalty that the uncorrected hair would meet, from how far contact holds it off its guides.
-                    for i in 0..n {
-                        row.forces[i] = get(&batch.held[i], lane) * stiffness;
+                    (group.wake_at, group.wake_from) = (f64::INFINITY, f64::INFINITY);
+                    let each = slots.iter_mut().zip(fades).zip(carried.chunks_exact_mut(6 * pad));
+                    for ((slot, fade), carried) in each {
+                        if group.travel >= slot.awake_at || around.time >= slot.awake_from {
+                            let s = slot.strand as usize;
+                            let rest = &rests[s * 3 * pad..(s + 1) * 3 * pad];
+                            interpolate(rest, u, &actives[s], transforms, &mut worker.work.skin);
+                            let travel = Travel { total: group.travel, last: group.last_travel };
+                            let at_start = |skin: &mut [f32]| interpolate(rest, u, &actives[s], before, skin);
+                            let Worker { work, holds, .. } = worker;
+                            match correct(&around, slot, fade, rest, carried, travel, work, at_start, holds) {
+                                Outcome::Away => {}
+                                Outcome::Near => worker.near += 1,
+                                Outcome::Pushed => (worker.near, worker.pushed) = (worker.near + 1, worker.pushed + 1),
+                                Outcome::Lost => worker.lost += 1,
+                            }
+                        }
+                        group.wake_at = group.wake_at.min(slot.awake_at);
+                        group.wake_from = group.wake_from.min(slot.awake_from);
                     }
-                    self.contact_rows.push(row);
                 }
-            }
+            });
+        for worker in &self.workers {
+            report.corrected_strands += worker.near;
+            report.strands_in_contact += worker.pushed;
+            report.quarantined += worker.lost;
         }
     }
 
     /// Effective forces of this step's contacts on the guides, for the next step.
-    fn push_back(&mut self) -> usize {
+    fn push_back(&mut self, dt: f64) -> usize {
         if !self.params.two_way.enabled {
             return 0;
         }
+        self.contact_points.clear();
         let (model, material) = (&self.model, &self.material);
+        let turn = self.world_from_head.rotation;
+        for worker in &self.workers {
+            for hold in &worker.holds {
+                let stiffness = self.params.two_way.stiffness_over_inertia
+                    * particle_mass(model, material, hold.strand as usize)
+                    / (dt * dt);
+                let force = turn * (Vector3::from(hold.held).cast::<f64>() * stiffness);
+                let &Hold { strand, segment, s, .. } = hold;
+                self.contact_points.push(ContactPoint { strand, segment, s, force: force.cast::<f32>().into() });
+            }
+        }
+        self.contact_points.sort_unstable_by_key(|point| (point.strand, point.segment, point.s.to_bits()));
         let mass = |guide: usize| particle_mass(model, material, model.guide_strands[guide] as usize);
-        let strands = &self.strands;
-        self.two_way.update(strands.len(), |s| &strands[s].active_set, &self.contact_rows, mass, &self.params.two_way)
+        let active = &self.strands.active;
+        let set_of = |s: usize| &active[s];
+        self.two_way.update(Round::First, active.len(), set_of, &self.contact_points, mass, &self.params.two_way)
     }
 }
 
@@ -285,134 +264,4 @@ fn particle_mass(model: &SkinningModel, material: &Material, strand: usize) -> f
     let rest = model.rest_of(strand);
     let length: f32 = rest.windows(2).map(|w| (Vector3::from(w[1]) - Vector3::from(w[0])).norm()).sum();
     material.linear_density_g_per_cm * f64::from(length) / (rest.len() - 1) as f64
-}
-
-/// Penalty stiffness on a normal hair, dyn/cm.
-fn penalty_stiffness(model: &SkinningModel, material: &Material, params: &TwoWayParams, strand: usize, dt: f64) -> f64 {
-    params.stiffness_over_inertia * particle_mass(model, material, strand) / (dt * dt)
-}
-
-/// A row from the spare ones, or a new one.
-fn take_row(spare: &mut Vec<ContactRow>, strand: u32, n: usize) -> ContactRow {
-    let mut row = spare.pop().unwrap_or_else(|| ContactRow { strand, forces: vec![Vector3::zeros(); n] });
-    row.strand = strand;
-    row
-}
-
-fn clear(strand: &mut Strand, offset: &mut [[f32; 3]], velocity: &mut [[f32; 3]]) {
-    strand.has_offset = false;
-    offset.fill([0.0; 3]);
-    velocity.fill([0.0; 3]);
-}
-
-fn lane_is_finite(values: &[Lane3], lane: usize) -> bool {
-    values.iter().all(|v| get(v, lane).iter().all(|x| x.is_finite()))
-}
-
-/// What the pass over strands reads.
-struct Pass<'a> {
-    model: &'a SkinningModel,
-    params: &'a crate::params::RuntimeParams,
-    graph: &'a crate::graph::GuideGraph,
-    clusters: &'a crate::clusters::Clusters,
-    transforms: &'a crate::interpolate::TransformArrays,
-    rest: &'a [f32],
-    u: &'a [f32],
-    pad: usize,
-    previous: &'a [[f32; 3]],
-    step_number: u64,
-    moving: &'a [MovingSolid<'a>],
-    world_from_head: Isometry3<f64>,
-    moved_by_solids: f32,
-}
-
-impl Pass<'_> {
-    fn strand(
-        &self,
-        s: usize,
-        strand: &mut Strand,
-        positions: &mut [[f32; 3]],
-        offset: &mut [[f32; 3]],
-        worker: &mut Worker,
-    ) {
-        let n = positions.len();
-        let pad = self.pad;
-        let rest = &self.rest[s * 3 * pad..(s + 1) * 3 * pad];
-        worker.skin.resize(3 * pad, 0.0);
-        let assign = &self.params.assign;
-        if assign.adapt {
-            let period = u64::from(assign.growth_period);
-            let may_grow = (self.step_number + s as u64).is_multiple_of(period);
-            let chosen = choose(
-                self.model,
-                s,
-                strand.set,
-                self.graph,
-                self.clusters,
-                self.transforms,
-                assign,
-                may_grow,
-                &mut worker.scratch,
-            );
-            if let Some(set) = chosen {
-                worker.old_skin.resize(3 * pad, 0.0);
-                interpolate(rest, self.u, &strand.active_set, self.transforms, &mut worker.old_skin);
-                strand.set = set;
-                strand.active_set = decode(self.model, s, set);
-                interpolate(rest, self.u, &strand.active_set, self.transforms, &mut worker.skin);
-                // The hair stays where it is: what the change of set would move it by becomes offset.
-                for i in N_FIXED..n {
-                    for c in 0..3 {
-                        offset[i][c] += worker.old_skin[c * pad + i] - worker.skin[c * pad + i];
-                    }
-                }
-                strand.has_offset = true;
-                worker.switches += 1;
-            } else {
-                interpolate(rest, self.u, &strand.active_set, self.transforms, &mut worker.skin);
-            }
-        } else {
-            interpolate(rest, self.u, &strand.active_set, self.transforms, &mut worker.skin);
-        }
-        let mut moved: f32 = 0.0;
-        for i in 0..n {
-            let p = to_world(&self.world_from_head, [worker.skin[i], worker.skin[pad + i], worker.skin[2 * pad + i]]);
-            let q = self.previous[s * n + i];
-            moved = moved.max((p[0] - q[0]).powi(2) + (p[1] - q[1]).powi(2) + (p[2] - q[2]).powi(2));
-            positions[i] = p;
-        }
-        strand.near = false;
-        if self.params.residual.contact || self.params.two_way.enabled {
-            // A distance changes by no more than strand and solid have moved since it was measured. The offset moves at
-            // most as far as it is long, and is measured anew while it is there.
-            strand.clearance.moved(moved.sqrt(), self.moved_by_solids);
-            let carried = offset.iter().map(|d| d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).fold(0.0, f32::max).sqrt();
-            let reach = self.params.guides.contact.reach() as f32 + carried;
-            if !strand.clearance.clears(reach) {
-                strand.clearance = self.measure_clearance(positions);
-                strand.near = !strand.clearance.clears(reach);
-            }
-        }
-        strand.listed = strand.has_offset || (strand.near && self.params.residual.contact);
-    }
-
-    /// Lower bound of a strand's distance to any solid at the end of the step, cm.
-    fn measure_clearance(&self, positions: &[[f32; 3]]) -> DistanceBound {
-        let mut least = f32::INFINITY;
-        for moving in self.moving {
-            let solid_from_world = moving.pose.to.inverse();
-            let sdf = &moving.solid.sdf;
-            let mut before: Option<(Vector3<f32>, f32)> = None;
-            for &p in positions {
-                let x: Vector3<f64> = Vector3::from(p).cast();
-                let x = solid_from_world.transform_point(&Point3::from(x)).coords.cast::<f32>();
-                let d = sdf.lower_bound(x);
-                if let Some((y, e)) = before {
-                    least = least.min(0.5 * (d + e - (x - y).norm()));
-                }
-                before = Some((x, d));
-            }
-        }
-        DistanceBound::at_least(least)
-    }
 }

@@ -11,9 +11,9 @@ pub struct StageTimings {
     pub graph: Duration,
     /// Cliques.
     pub clusters: Duration,
-    /// Choice of sets and interpolation, strand by strand in one pass.
-    pub assign_interpolate: Duration,
-    /// Residual correction of strands near solids.
+    /// Choice of sets.
+    pub assignment: Duration,
+    /// Interpolation and residual correction of strands near solids.
     pub hair_contact: Duration,
     /// Effective forces on guides.
     pub two_way: Duration,
@@ -27,7 +27,7 @@ impl StageTimings {
             ("guide_sim", self.guide_sim.as_secs_f64()),
             ("graph", self.graph.as_secs_f64()),
             ("clusters", self.clusters.as_secs_f64()),
-            ("assign_interpolate", self.assign_interpolate.as_secs_f64()),
+            ("assignment", self.assignment.as_secs_f64()),
             ("hair_contact", self.hair_contact.as_secs_f64()),
             ("two_way", self.two_way.as_secs_f64()),
         ]
@@ -38,7 +38,7 @@ impl StageTimings {
         self.guide_sim += other.guide_sim;
         self.graph += other.graph;
         self.clusters += other.clusters;
-        self.assign_interpolate += other.assign_interpolate;
+        self.assignment += other.assignment;
         self.hair_contact += other.hair_contact;
         self.two_way += other.two_way;
     }

@@ -1,287 +1,271 @@
 //! Effective forces on guides from the contact of normal hairs (AS16 §5.2).
 //!
-//! The least-squares problem couples guides particle index by particle index only, so there are as many small systems as
-//! particles, solved in parallel. Only guides that some hair in contact depends on take part. Two departures, both in
-//! docs/DEVIATIONS.md: rows of hairs out of contact weigh less, since to the letter they dilute the force by the share of
-//! hairs in contact; and a guide's force never opposes the sum of the contacts it answers.
+//! The least-squares problem of AS16 Eq. (4) couples guides particle index by particle index only. Only guides that some
+//! hair in contact depends on take part. Two departures, both in docs/DEVIATIONS.md: rows of hairs out of contact weigh
+//! less, since to the letter they dilute the force by the share of hairs in contact; and a guide's force never opposes the
+//! sum of the contacts it answers. The matrix is kept from step to step and solved by a few steps of conjugate gradients;
+//! the exact solution is there as a choice.
+
+mod conjugate;
+mod least_squares;
+mod normal_matrix;
+mod right_side;
 
 use crate::interpolate::ActiveSet;
-use crate::params::TwoWayParams;
+use crate::params::{TwoWayParams, TwoWaySolve};
+use conjugate::Conjugate;
+use io_formats::skinning_model::SkinningModel;
+use least_squares::{ABSENT, LeastSquares};
 use nalgebra::Vector3;
-use rayon::prelude::*;
+use normal_matrix::NormalMatrix;
+use right_side::RightSide;
 
-/// Contact forces on one normal hair.
-#[derive(Clone, Debug)]
-pub(crate) struct ContactRow {
+/// A contact force at one place along a normal hair.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct ContactPoint {
     pub strand: u32,
-    /// dyn, one per particle.
-    pub forces: Vec<Vector3<f64>>,
+    /// Segment from particle `segment` to the next.
+    pub segment: u16,
+    /// Place along the segment, 0 to 1: the force acts on its ends by 1 - s and s.
+    pub s: f32,
+    /// dyn, world frame.
+    pub force: [f32; 3],
 }
+
+impl ContactPoint {
+    #[inline(always)]
+    fn is_finite(&self) -> bool {
+        self.s.is_finite() && self.force.iter().all(|x| x.is_finite())
+    }
+}
+
+/// Which estimate within one step an update is, if guides are pushed and hairs looked at again within a step (AS16 §5.2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Round {
+    /// The first of a step: what is remembered of the step before fades once.
+    First,
+    /// Another of the same step: the contacts are those still left after the forces so far, and add to them.
+    #[allow(dead_code, reason = "for steps that iterate; tests use it")]
+    Again,
+}
+
+/// Forces below this (dyn) are dropped: a hundred-millionth of the weight of a guide's particle.
+const LEAST_FORCE: f64 = 1e-9;
 
 #[derive(Debug)]
 pub(crate) struct TwoWay {
     n_particles: usize,
     /// Guide-major, dyn: what acts on the guides in the next step.
     pub(crate) forces: Vec<Vector3<f64>>,
-    /// Guides in the systems, ascending, and for each guide its place among them.
+    /// What is remembered of the step before, and what the rounds of this step have answered.
+    carried: Vec<Vector3<f64>>,
+    answered: Vec<Vector3<f64>>,
+    /// Answer of the last first round, dyn: what the next one starts from.
+    guess: Vec<[f32; 3]>,
+    /// Strands in contact at the last update, ascending, and as one bit each.
+    in_contact: Vec<u32>,
+    contact_bits: Vec<u64>,
+    /// Guides that take part, ascending, and for each guide its place among them.
     involved: Vec<u16>,
     place: Vec<u16>,
-    /// Hairs with rows: strand and, if in contact, index of its forces.
-    rows: Vec<(u32, Option<u32>)>,
-    systems: Vec<System>,
+    right: RightSide,
+    /// Absent if the solve builds its own.
+    matrix: Option<NormalMatrix>,
+    conjugate: Conjugate,
+    least_squares: LeastSquares,
 }
-
-#[derive(Debug, Default)]
-struct System {
-    matrix: Vec<f64>,
-    rhs: Vec<[f64; 3]>,
-    /// Sum of contact forces each guide answers, before the solve.
-    wanted: Vec<[f64; 3]>,
-}
-
-const ABSENT: u16 = u16::MAX;
 
 impl TwoWay {
-    pub(crate) fn new(n_guides: usize, n_particles: usize) -> Self {
+    /// No hair in contact. `pairs` are the pairs i < j of guides that may occur together in a set, sorted.
+    pub(crate) fn new<'s>(
+        n_guides: usize,
+        n_particles: usize,
+        pairs: &[[u16; 2]],
+        sets: impl ExactSizeIterator<Item = &'s ActiveSet>,
+        params: &TwoWayParams,
+    ) -> Self {
+        let n_strands = sets.len();
+        let keeps_matrix = params.enabled && params.solve != TwoWaySolve::LeastSquares;
+        let matrix = keeps_matrix.then(|| {
+            let mut matrix = NormalMatrix::new(n_guides, pairs, n_strands);
+            sets.for_each(|set| matrix.add(set, [1, 0]));
+            matrix
+        });
         Self {
             n_particles,
             forces: vec![Vector3::zeros(); n_guides * n_particles],
+            carried: vec![Vector3::zeros(); n_guides * n_particles],
+            answered: vec![Vector3::zeros(); n_guides * n_particles],
+            guess: vec![[0.0; 3]; n_guides * n_particles],
+            in_contact: Vec::with_capacity(n_strands),
+            contact_bits: vec![0; n_strands.div_ceil(64)],
             involved: Vec::with_capacity(n_guides),
             place: vec![ABSENT; n_guides],
-            rows: Vec::new(),
-            systems: (0..n_particles).map(|_| System::default()).collect(),
+            right: RightSide::new(n_guides, n_particles),
+            matrix,
+            conjugate: Conjugate::new(n_guides, if keeps_matrix { pairs.len() } else { 0 }, n_particles),
+            least_squares: LeastSquares::new(n_particles),
         }
+    }
+
+    pub(crate) fn of_model<'s>(
+        model: &SkinningModel,
+        sets: impl ExactSizeIterator<Item = &'s ActiveSet>,
+        params: &TwoWayParams,
+    ) -> Self {
+        Self::new(model.n_guides(), model.n_particles as usize, &model.pairs, sets, params)
+    }
+
+    /// To be told of every change of a strand's set, before the next update.
+    pub(crate) fn set_changed(&mut self, strand: u32, old: &ActiveSet, new: &ActiveSet) {
+        let Some(matrix) = &mut self.matrix else { return };
+        let in_contact = (self.contact_bits[strand as usize / 64] >> (strand % 64) & 1) as i32;
+        matrix.add(old, [-1, -in_contact]);
+        matrix.add(new, [1, in_contact]);
     }
 
     /// Solves for the forces of the next step; returns how many guides take part.
+    ///
+    /// `contacts` are sorted by strand; `set_of` gives each strand's current set.
     pub(crate) fn update<'s>(
         &mut self,
+        round: Round,
         n_strands: usize,
         set_of: impl Fn(usize) -> &'s ActiveSet + Sync,
-        contacts: &[ContactRow],
+        contacts: &[ContactPoint],
         particle_mass: impl Fn(usize) -> f64,
         params: &TwoWayParams,
     ) -> usize {
-        for force in &mut self.forces {
-            *force *= params.memory;
-        }
-        self.gather(n_strands, &set_of, contacts);
-        if self.involved.is_empty() {
-            return 0;
-        }
-        let n = self.n_particles;
-        let (rows, place, n_involved) = (&self.rows, &self.place, self.involved.len());
-        self.systems.par_iter_mut().enumerate().for_each(|(i, system)| {
-            let u = i as f32 / (n - 1) as f32;
-            system.build(n_involved, place, rows, u, &set_of, |c| contacts[c as usize].forces[i], params);
-            system.solve(n_involved);
-        });
-        let kept = 1.0 - params.memory;
-        for (local, &guide) in self.involved.iter().enumerate() {
-            let limit = params.max_acceleration * particle_mass(usize::from(guide));
-            for (i, system) in self.systems.iter().enumerate() {
-                let force = Vector3::from(system.rhs[local]);
-                if force.dot(&Vector3::from(system.wanted[local])) <= 0.0 {
-                    continue;
-                }
-                let total = &mut self.forces[usize::from(guide) * n + i];
-                *total += force * kept;
-                let size = total.norm();
-                if size > limit {
-                    *total *= limit / size;
-                }
+        debug_assert!(contacts.is_sorted_by_key(|c| c.strand), "contacts are sorted by strand");
+        debug_assert!(contacts.iter().all(|c| usize::from(c.segment) + 1 < self.n_particles), "a segment has two ends");
+        if round == Round::First {
+            for (carried, force) in self.carried.iter_mut().zip(&self.forces) {
+                *carried = force * params.memory;
             }
+            self.answered.fill(Vector3::zeros());
         }
-        n_involved
-    }
-
-    fn gather<'s>(&mut self, n_strands: usize, set_of: &impl Fn(usize) -> &'s ActiveSet, contacts: &[ContactRow]) {
+        self.note_contacts(contacts, &set_of);
+        self.right.gather(contacts, &set_of);
         self.place.fill(ABSENT);
-        self.involved.clear();
-        self.rows.clear();
-        for contact in contacts {
-            let set = set_of(contact.strand as usize);
-            for &guide in &set.guides[..usize::from(set.n)] {
-                if self.place[usize::from(guide)] == ABSENT {
-                    self.place[usize::from(guide)] = 0;
-                    self.involved.push(guide);
-                }
-            }
-        }
-        if self.involved.is_empty() {
-            return;
-        }
-        self.involved.sort_unstable();
+        self.right.involved(&mut self.involved);
         for (local, &guide) in self.involved.iter().enumerate() {
             self.place[usize::from(guide)] = local as u16;
         }
-        // Contacts are ordered by strand, so one walk pairs them.
-        let mut next = 0;
-        for strand in 0..n_strands {
-            let contact = contacts.get(next).filter(|c| c.strand as usize == strand).map(|_| next as u32);
-            next += usize::from(contact.is_some());
-            let set = set_of(strand);
-            if set.guides[..usize::from(set.n)].iter().any(|&g| self.place[usize::from(g)] != ABSENT) {
-                self.rows.push((strand as u32, contact));
+        if !self.involved.is_empty() {
+            match params.solve {
+                TwoWaySolve::LeastSquares => self.solve_exactly(n_strands, &set_of, contacts, params),
+                TwoWaySolve::ConjugateGradients { iterations } => self.solve_by_steps(round, iterations, params),
+            }
+        } else if round == Round::First {
+            self.guess.fill([0.0; 3]);
+        }
+        self.combine(particle_mass, params);
+        self.involved.len()
+    }
+
+    /// Takes hairs that came into contact into the matrix, and those that left it out.
+    fn note_contacts<'s>(&mut self, contacts: &[ContactPoint], set_of: &impl Fn(usize) -> &'s ActiveSet) {
+        let Some(matrix) = &mut self.matrix else { return };
+        let mut before = self.in_contact.iter().copied().peekable();
+        for points in contacts.chunk_by(|a, b| a.strand == b.strand) {
+            let strand = points[0].strand;
+            while let Some(left) = before.next_if(|&s| s < strand) {
+                matrix.add(set_of(left as usize), [0, -1]);
+                self.contact_bits[left as usize / 64] &= !(1 << (left % 64));
+            }
+            if before.next_if_eq(&strand).is_none() {
+                matrix.add(set_of(strand as usize), [0, 1]);
+                self.contact_bits[strand as usize / 64] |= 1 << (strand % 64);
             }
         }
+        for left in before {
+            matrix.add(set_of(left as usize), [0, -1]);
+            self.contact_bits[left as usize / 64] &= !(1 << (left % 64));
+        }
+        self.in_contact.clear();
+        self.in_contact.extend(contacts.chunk_by(|a, b| a.strand == b.strand).map(|points| points[0].strand));
     }
-}
 
-impl System {
-    /// Normal equations of one particle index.
-    /// Implements AS16 Eq. (4), with rows of hairs out of contact weighed by `idle_row_weight` and a ridge, since the
-    /// matrix is rank deficient where no hair depends on a guide.
-    fn build<'s>(
+    fn solve_exactly<'s>(
         &mut self,
-        n: usize,
-        place: &[u16],
-        rows: &[(u32, Option<u32>)],
-        u: f32,
-        set_of: &impl Fn(usize) -> &'s ActiveSet,
-        force: impl Fn(u32) -> Vector3<f64>,
+        n_strands: usize,
+        set_of: &(impl Fn(usize) -> &'s ActiveSet + Sync),
+        contacts: &[ContactPoint],
         params: &TwoWayParams,
     ) {
-        self.matrix.clear();
-        self.matrix.resize(n * n, 0.0);
-        self.rhs.clear();
-        self.rhs.resize(n, [0.0; 3]);
-        for &(strand, contact) in rows {
-            let set = set_of(strand as usize);
-            let weights = set.weights_at(u);
-            let row_weight = if contact.is_some() { 1.0 } else { params.idle_row_weight };
-            let wanted = contact.map(&force);
-            for a in 0..usize::from(set.n) {
-                let ga = place[usize::from(set.guides[a])];
-                if ga == ABSENT {
-                    continue;
-                }
-                let ga = usize::from(ga);
-                let wa = row_weight * f64::from(weights[a]);
-                for b in 0..=a {
-                    let gb = place[usize::from(set.guides[b])];
-                    if gb != ABSENT {
-                        let (hi, lo) = (ga.max(usize::from(gb)), ga.min(usize::from(gb)));
-                        self.matrix[hi * n + lo] += wa * f64::from(weights[b]);
-                    }
-                }
-                if let Some(wanted) = wanted {
-                    for c in 0..3 {
-                        self.rhs[ga][c] += wa * wanted[c];
-                    }
+        let n_involved = self.involved.len();
+        let (idle, ridge) = (params.idle_row_weight, params.ridge);
+        self.least_squares.solve(n_strands, set_of, contacts, n_involved, &self.place, idle, ridge);
+        for (local, &guide) in self.involved.iter().enumerate() {
+            for i in 0..self.n_particles {
+                let answered = &mut self.answered[usize::from(guide) * self.n_particles + i];
+                let (force, wanted) = (self.least_squares.answer(local, i), self.least_squares.wanted(local, i));
+                if force.dot(&wanted) > 0.0 {
+                    *answered += force;
                 }
             }
         }
-        let mean: f64 = (0..n).map(|k| self.matrix[k * n + k]).sum::<f64>() / n as f64;
-        let ridge = params.ridge * mean + f64::MIN_POSITIVE.sqrt();
-        for k in 0..n {
-            self.matrix[k * n + k] += ridge;
-        }
-        self.wanted.clear();
-        self.wanted.extend_from_slice(&self.rhs);
     }
 
-    /// Dense Cholesky in place; the ridge keeps every pivot positive.
-    fn solve(&mut self, n: usize) {
-        let m = &mut self.matrix;
-        for row in 0..n {
-            for col in 0..=row {
-                let mut sum = m[row * n + col];
-                for k in 0..col {
-                    sum -= m[row * n + k] * m[col * n + k];
+    fn solve_by_steps(&mut self, round: Round, iterations: u32, params: &TwoWayParams) {
+        let Some(matrix) = &self.matrix else { return };
+        let n = self.n_particles;
+        let (right, guess, involved) = (&self.right, &self.guess, &self.involved);
+        self.conjugate.solve(
+            matrix,
+            involved,
+            &self.place,
+            params.idle_row_weight,
+            params.ridge,
+            iterations,
+            n,
+            |local, i| right.at(usize::from(involved[local]), i),
+            |local, i| if round == Round::First { guess[usize::from(involved[local]) * n + i] } else { [0.0; 3] },
+        );
+        if round == Round::First {
+            self.guess.fill([0.0; 3]);
+        }
+        for (local, &guide) in self.involved.iter().enumerate() {
+            for i in 0..n {
+                let at = usize::from(guide) * n + i;
+                let force = self.conjugate.answer(local, i);
+                if round == Round::First {
+                    self.guess[at] = force;
                 }
-                m[row * n + col] = if row == col { sum.max(f64::MIN_POSITIVE).sqrt() } else { sum / m[col * n + col] };
+                let force = Vector3::from(force).cast::<f64>();
+                if force.dot(&Vector3::from(self.right.at(usize::from(guide), i)).cast()) > 0.0 {
+                    self.answered[at] += force;
+                }
             }
         }
-        for row in 0..n {
-            for k in 0..row {
-                let earlier = self.rhs[k];
-                for c in 0..3 {
-                    self.rhs[row][c] -= m[row * n + k] * earlier[c];
-                }
+    }
+
+    /// Forces of the next step from what is remembered and what this step's rounds answered, bounded in size.
+    fn combine(&mut self, particle_mass: impl Fn(usize) -> f64, params: &TwoWayParams) {
+        let (n, kept) = (self.n_particles, 1.0 - params.memory);
+        for (guide, forces) in self.forces.chunks_mut(n).enumerate() {
+            let of = guide * n..(guide + 1) * n;
+            let (carried, answered) = (&self.carried[of.clone()], &self.answered[of]);
+            let any = |values: &[Vector3<f64>]| values.iter().any(|v| *v != Vector3::zeros());
+            if !any(carried) && !any(answered) {
+                forces.fill(Vector3::zeros());
+                continue;
             }
-            self.rhs[row] = self.rhs[row].map(|x| x / m[row * n + row]);
-        }
-        for row in (0..n).rev() {
-            for k in row + 1..n {
-                let later = self.rhs[k];
-                for c in 0..3 {
-                    self.rhs[row][c] -= m[k * n + row] * later[c];
-                }
+            let limit = params.max_acceleration * particle_mass(guide);
+            for (force, (carried, answered)) in forces.iter_mut().zip(carried.iter().zip(answered)) {
+                let total = carried + answered * kept;
+                let size = total.norm();
+                *force = if size > limit {
+                    total * (limit / size)
+                } else if size > LEAST_FORCE {
+                    total
+                } else {
+                    Vector3::zeros()
+                };
             }
-            self.rhs[row] = self.rhs[row].map(|x| x / m[row * n + row]);
         }
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use io_formats::skinning_model::{MAX_ELIGIBLE, WeightPoly};
-
-    fn set(guides: &[(u16, f32)]) -> ActiveSet {
-        let mut set = ActiveSet { n: guides.len() as u8, guides: [0; MAX_ELIGIBLE], ..ActiveSet::EMPTY };
-        for (k, &(guide, weight)) in guides.iter().enumerate() {
-            set.guides[k] = guide;
-            set.weights[k] = WeightPoly { quad: 0.0, lin: 0.0, con: weight };
-        }
-        set
-    }
-
-    fn letter() -> TwoWayParams {
-        TwoWayParams {
-            enabled: true,
-            stiffness_over_inertia: 1.0,
-            idle_row_weight: 1.0,
-            ridge: 1e-12,
-            memory: 0.0,
-            max_acceleration: f64::INFINITY,
-        }
-    }
-
-    /// Relative effect of the ridge and of rounding on a well-conditioned system.
-    const SOLVER_AGREEMENT: f64 = 1e-6;
-
-    #[test]
-    fn forces_skinned_from_guides_are_given_back() {
-        let sets = [set(&[(0, 0.7), (1, 0.3)]), set(&[(1, 0.5), (2, 0.5)]), set(&[(0, 0.2), (2, 0.8)])];
-        let planted = [Vector3::new(1.0, 0.2, 0.0), Vector3::new(0.8, 0.0, 0.3), Vector3::new(1.2, 0.1, 0.1)];
-        let contacts: Vec<_> = (0..3)
-            .map(|s| {
-                let active = &sets[s];
-                let force = (0..usize::from(active.n))
-                    .map(|k| planted[usize::from(active.guides[k])] * f64::from(active.weights[k].con))
-                    .sum::<Vector3<f64>>();
-                ContactRow { strand: s as u32, forces: vec![force; 4] }
-            })
-            .collect();
-        let mut two_way = TwoWay::new(3, 4);
-        assert_eq!(two_way.update(3, |s| &sets[s], &contacts, |_| 1.0, &letter()), 3);
-        for guide in 0..3 {
-            for i in 0..4 {
-                assert!((two_way.forces[guide * 4 + i] - planted[guide]).norm() < SOLVER_AGREEMENT);
-            }
-        }
-    }
-
-    #[test]
-    fn without_contact_no_guide_is_pushed() {
-        let sets = [set(&[(0, 1.0)])];
-        let mut two_way = TwoWay::new(1, 3);
-        assert_eq!(two_way.update(1, |s| &sets[s], &[], |_| 1.0, &letter()), 0);
-        assert!(two_way.forces.iter().all(|f| *f == Vector3::zeros()));
-    }
-
-    #[test]
-    fn rows_out_of_contact_dilute_the_force_less_when_weighed_less() {
-        let sets: Vec<_> = (0..10).map(|_| set(&[(0, 1.0)])).collect();
-        let contacts = [ContactRow { strand: 0, forces: vec![Vector3::x(); 3] }];
-        let force = |idle: f64| {
-            let mut two_way = TwoWay::new(1, 3);
-            two_way.update(10, |s| &sets[s], &contacts, |_| 1.0, &TwoWayParams { idle_row_weight: idle, ..letter() });
-            two_way.forces[0].x
-        };
-        assert!((force(1.0) - 0.1).abs() < SOLVER_AGREEMENT);
-        assert!((force(0.0) - 1.0).abs() < SOLVER_AGREEMENT);
-    }
-}
+mod tests;

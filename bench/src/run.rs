@@ -58,7 +58,7 @@ impl Mode {
             Self::NoTwoWay => Some(RuntimeParams::no_two_way()),
             Self::NoResidual => {
                 let mut params = RuntimeParams::adaptive();
-                params.residual.contact = false;
+                params.residual.correction = adaptive_runtime::Correction::None;
                 Some(params)
             }
             Self::Paper => Some(RuntimeParams::paper()),
@@ -137,6 +137,7 @@ pub struct RunResult {
 
 /// The positions of all hair after the last step, brought up to date: the one place where a run looks at hair.
 pub fn read_positions(runtime: &mut Runtime) -> &[[f32; 3]] {
+    runtime.read();
     runtime.positions()
 }
 
@@ -252,7 +253,10 @@ pub fn run(
         out.quarantined += u64::from(report.quarantined);
         match &mut hair {
             Hair::Skinned(runtime) => {
-                observer.observe(read_positions(runtime), &solids, Some(&head));
+                if !is_read {
+                    runtime.read();
+                }
+                observer.observe(runtime.positions(), &solids, Some(&head));
                 let mean = |strands: &mut dyn Iterator<Item = u32>| {
                     let (mut sum, mut count) = (0.0, 0.0);
                     strands.for_each(|s| {
@@ -320,7 +324,7 @@ pub fn replay(
             guides.extend_from_slice(&recorded[s as usize * n..(s as usize + 1) * n]);
         }
         skinned.replay(&guides, &still);
-        on_frame(read_positions(&mut skinned), &recorded);
+        on_frame(skinned.positions(), &recorded);
     }
     Ok(())
 }

@@ -6,7 +6,7 @@ use super::quality::{FullRun, full_run, measure, with};
 use super::{Figure, Subject, resident_mb};
 use crate::error::Error;
 use crate::run::read_positions;
-use adaptive_runtime::RuntimeParams;
+use adaptive_runtime::{Correction, RuntimeParams};
 use cpu_time::ProcessTime;
 use rayon::prelude::*;
 
@@ -56,7 +56,9 @@ pub fn criteria() -> Vec<(String, RuntimeParams)> {
             let mut params = RuntimeParams::adaptive();
             params.assign.similarity = similarity;
             params.assign.avoidance = avoidance;
-            params.residual.contact = correction;
+            if !correction {
+                params.residual.correction = Correction::None;
+            }
             out.push((format!("{name}{suffix}"), params));
         }
     }

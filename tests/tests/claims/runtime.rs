@@ -1,6 +1,6 @@
 //! Laws of one interactive step (AS16 §4, §5) on a small model made by hand.
 
-use adaptive_runtime::{Error, Runtime, RuntimeParams, StepInput, StepReport};
+use adaptive_runtime::{Error, Runtime, RuntimeParams, StepInput, StepReport, TwoWaySolve};
 use collision::Solid;
 use hair_tests::models::{N_PARTICLES, Row};
 use hair_tests::scenes::{ball, dense_samples, rod};
@@ -318,6 +318,8 @@ fn parameters_out_of_range_are_errors() {
     };
     assert_eq!(refused(&|p| p.two_way.ridge = f64::NAN), "two_way.ridge");
     assert_eq!(refused(&|p| p.two_way.memory = 1.5), "two_way.memory");
+    let no_steps = TwoWaySolve::ConjugateGradients { iterations: 0 };
+    assert_eq!(refused(&|p| p.two_way.solve = no_steps), "two_way.solve.iterations");
     assert_eq!(refused(&|p| p.gap_resolution = 0.0), "gap_resolution");
 }
 
