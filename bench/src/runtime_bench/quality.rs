@@ -99,7 +99,7 @@ pub fn measure(subject: &Subject, against: &FullRun, mut progress: impl FnMut(us
     let mut observer = Observer::new(&rest, n, &against.reach);
     let mut beside = Observer::new(beside_rest, n, &few);
     let near = observer.near().to_vec();
-    let mut errors = ErrorSum::new(beside_rest, n, &beside.near().to_vec());
+    let mut errors = ErrorSum::new(beside_rest, n, beside.near());
     let mut runtime = subject.runtime()?;
     let mut out = Quality::default();
     let mut reads = 0;
