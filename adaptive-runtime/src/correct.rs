@@ -190,7 +190,15 @@ pub(crate) fn correct(
         if k == substeps && pushed {
             keep_out_of_head(around, response, work);
         }
-        settle(&work.x, &work.now, 1.0 / h as f32, residual.max_speed as f32, &mut work.offset, &mut work.velocity, pad);
+        settle(
+            &work.x,
+            &work.now,
+            1.0 / h as f32,
+            residual.max_speed as f32,
+            &mut work.offset,
+            &mut work.velocity,
+            pad,
+        );
     }
     if pushed || fade.carries(began) {
         offset.copy_from_slice(&work.offset);

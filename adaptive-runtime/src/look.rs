@@ -153,10 +153,13 @@ impl Look {
         self.gradient.iter_mut().for_each(|g| g.resize(n, 0.0));
         let [x, y, z] = &self.point;
         let [gx, gy, gz] = &mut self.gradient;
-        field.sample([&x[first..], &y[first..], &z[first..]], &mut Samples {
-            distance: &mut self.distance[first..],
-            gradient: [&mut gx[first..], &mut gy[first..], &mut gz[first..]],
-        });
+        field.sample(
+            [&x[first..], &y[first..], &z[first..]],
+            &mut Samples {
+                distance: &mut self.distance[first..],
+                gradient: [&mut gx[first..], &mut gy[first..], &mut gz[first..]],
+            },
+        );
     }
 
     /// Divides every stretch between neighbouring samples, at most `spacing` cm long, that may hold something nearer than the reach; returns the

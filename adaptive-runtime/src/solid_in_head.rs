@@ -69,7 +69,13 @@ pub(crate) struct SolidInHead<'a> {
 impl<'a> SolidInHead<'a> {
     pub(crate) fn new(solid: &'a Solid, pose: SolidPose) -> Self {
         let moved = pose.max_displacement(&solid.sdf.bounds()) as f32;
-        Self { solid, at_end: Frame::new(&pose.to.inverse()), carries: Frame::new(&(pose.to * pose.from.inverse())), pose, moved }
+        Self {
+            solid,
+            at_end: Frame::new(&pose.to.inverse()),
+            carries: Frame::new(&(pose.to * pose.from.inverse())),
+            pose,
+            moved,
+        }
     }
 
     /// Where a point would be at the end of the step had it gone with the solid.

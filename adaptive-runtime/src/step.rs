@@ -8,6 +8,7 @@ use crate::params::{CliqueRule, Correction};
 use crate::solid_in_head::SolidInHead;
 use crate::response::{Elasticity, Response};
 use crate::runtime::{Runtime, Worker};
+use crate::solid_in_head::SolidInHead;
 use crate::strands::GROUP;
 use crate::timings::{StageTimings, timed};
 use crate::two_way::{ContactPoint, Round};
@@ -133,8 +134,8 @@ impl Runtime {
         }
         report.connectivity = self.graph.connectivity();
 
-        let near = !in_head.is_empty()
-            && (self.params.residual.correction != Correction::None || self.params.two_way.enabled);
+        let near =
+            !in_head.is_empty() && (self.params.residual.correction != Correction::None || self.params.two_way.enabled);
         if near {
             let mut hair_contact = std::time::Duration::ZERO;
             timed(&mut hair_contact, || self.meet_solids(input.dt, &in_head, head.as_ref(), &mut report));

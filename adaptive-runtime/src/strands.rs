@@ -151,7 +151,13 @@ impl Strands {
                 }
             }
             group_guides.truncate(kept);
-            groups.push(Group { travel: 0.0, wake_at: f64::NEG_INFINITY, wake_from: f64::INFINITY, last_travel: 0.0, guides: first..kept });
+            groups.push(Group {
+                travel: 0.0,
+                wake_at: f64::NEG_INFINITY,
+                wake_from: f64::INFINITY,
+                last_travel: 0.0,
+                guides: first..kept,
+            });
         }
         let mut farthest = vec![0.0f32; model.n_guides()];
         for s in 0..n_strands {

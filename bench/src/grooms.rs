@@ -81,6 +81,45 @@ pub fn generate(params: &GroomParams) -> Result<UniformGroom, Error> {
     Ok(UniformGroom { n_strands: params.strands, n_particles: params.particles, points })
 }
 
+/// Grows straight hair all over a ball about the origin: up to a few per cent longer or shorter, and leaning a little, as on
+/// a head. Every prefix is an even, sparser groom.
+///
+/// # Errors
+/// Fewer than one strand or two particles, lengths under 1 cm, a style that is not straight.
+pub fn on_ball(params: &GroomParams, radius_cm: f32) -> Result<UniformGroom, Error> {
+    /// Steps of an additive recurrence that spreads points evenly over a square, whatever their number.
+    const STEPS: [f64; 2] = [0.754_877_666_246_693, 0.569_840_290_998_053];
+    let least = |name, value: f64, least: f64| {
+        if value.is_finite() && value >= least { Ok(()) } else { Err(Error::BadParameter { name, value, least }) }
+    };
+    least("strands", params.strands as f64, 1.0)?;
+    least("particles", params.particles as f64, 2.0)?;
+    least("length_cm", f64::from(params.length_cm), 1.0)?;
+    least("radius_cm", f64::from(radius_cm), 1.0)?;
+    let mut points = vec![[0.0; 3]; params.strands * params.particles];
+    points.par_chunks_mut(params.particles).enumerate().for_each(|(k, strand)| {
+        let [u, v] = STEPS.map(|step| (0.5 + step * (k + 1) as f64).fract() as f32);
+        let height = 2.0 * u - 1.0;
+        let across = (1.0 - height * height).max(0.0).sqrt();
+        let (sin, cos) = (2.0 * std::f32::consts::PI * v).sin_cos();
+        let out = Vector3::new(across * sin, height, across * cos);
+        let root = out * radius_cm;
+        let mut random = Pcg64Mcg::seed_from_u64(params.seed ^ (k as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        let lean = Vector3::from(random.random::<[f32; 3]>()).add_scalar(-0.5) * 0.1;
+        let length = params.length_cm * (1.0 + 0.05 * noise(root * 0.15, params.seed ^ 1));
+        let last = (params.particles - 1) as f32;
+        let mut p = root;
+        for (i, point) in strand.iter_mut().enumerate() {
+            *point = p.into();
+            // The first centimetres stand up as hair does; then it leans and sinks a little.
+            let along = i as f32 / last;
+            let direction = out + (lean - Vector3::y() * 0.5) * along;
+            p += direction.try_normalize(1e-3).unwrap_or(out) * (length / last);
+        }
+    });
+    Ok(UniformGroom { n_strands: params.strands, n_particles: params.particles, points })
+}
+
 /// Evenly spread points on the scalp: random points, of which those too near an earlier one are dropped. The distance
 /// asked for shrinks as roots become many, so that every prefix is about as even as the whole.
 fn roots(params: &GroomParams) -> Result<Vec<Vector3<f32>>, Error> {
@@ -424,6 +463,32 @@ mod tests {
         let few = grow_all(&head, Style::Straight, 200, 3);
         let more = grow_all(&head, Style::Straight, 400, 3);
         assert_eq!(few.points, more.points[..few.points.len()]);
+    }
+
+    #[test]
+    fn hair_covers_a_ball_evenly_and_any_prefix_does() {
+        let ball = crate::shapes::sphere(8.0).expect("a ball");
+        let grow = |strands| {
+            let params =
+                GroomParams { style: Style::Straight, strands, particles: 30, length_cm: 10.0, seed: 1, head: &ball };
+            on_ball(&params, 8.0).expect("a groom")
+        };
+        let (few, more) = (grow(800), grow(3_200));
+        assert_eq!(few.points, more.points[..few.points.len()]);
+        for groom in [&few, &more] {
+            // Each eighth of the ball has its share, within a tenth.
+            let mut octants = [0usize; 8];
+            for s in 0..groom.n_strands {
+                let [x, y, z] = groom.strand(s)[0];
+                octants[usize::from(x > 0.0) + 2 * usize::from(y > 0.0) + 4 * usize::from(z > 0.0)] += 1;
+                for (i, &p) in groom.strand(s).iter().enumerate() {
+                    let distance = Vector3::from(p).norm() - 8.0;
+                    assert!(if i == 0 { distance.abs() < 1e-5 } else { distance > 0.05 }, "strand {s}: {distance}");
+                }
+            }
+            let share = groom.n_strands / 8;
+            assert!(octants.iter().all(|&n| n.abs_diff(share) * 10 <= share), "{octants:?}");
+        }
     }
 
     #[test]

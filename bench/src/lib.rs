@@ -15,6 +15,7 @@
 //! - [`training_bench`]: what the kernels of training cost, and how far they are from a general solver
 //! - [`chart`]: curves over a number, as a picture
 //! - [`guide_comparison`]: ways to select guides, judged on motion they were not trained on
+//! - [`runtime_bench`]: what the runtime costs on whole heads, and what it is worth
 //! - [`run`]: a scene run in one of the modes compared; [`measures`]: what it is judged by
 //!
 //! Centimetre, gram, second. Everything here is a function of its parameters and seed: the same bytes on any machine
@@ -34,6 +35,7 @@ mod histogram;
 pub mod measures;
 pub mod picture;
 pub mod run;
+pub mod runtime_bench;
 pub mod shapes;
 pub mod shapes_bumpy;
 pub mod shapes_gear;

@@ -135,6 +135,12 @@ pub struct RunResult {
     pub quarantined: u64,
 }
 
+/// The positions of all hair after the last step, brought up to date: the one place where a run looks at hair.
+pub fn read_positions(runtime: &mut Runtime) -> &[[f32; 3]] {
+    runtime.read();
+    runtime.positions()
+}
+
 /// Runs the scene with guides and hair blind to its solids and notes which strands they would meet at each step.
 ///
 /// # Errors
@@ -154,9 +160,9 @@ pub fn blind_reach(world: &World, model: &SkinningModel, mut progress: impl FnMu
     for step in 0..world.n_steps() {
         let t = step as f64 * dt;
         runtime.step(&StepInput { dt, world_from_head: world.world_from_head(t + dt), world_from_solids: &[] });
-        runtime.read();
         let solids = world.moving_solids(t, dt);
-        reach.push(in_reach(runtime.positions(), &rest, runtime.n_particles(), &solids));
+        let n = runtime.n_particles();
+        reach.push(in_reach(read_positions(&mut runtime), &rest, n, &solids));
         progress(step + 1);
     }
     Ok(reach)
@@ -226,8 +232,7 @@ pub fn run(
             Hair::Skinned(runtime) => {
                 let report = runtime.step(&StepInput { dt, world_from_head, world_from_solids: &poses });
                 if is_read {
-                    runtime.read();
-                    positions.copy_from_slice(runtime.positions());
+                    positions.copy_from_slice(read_positions(runtime));
                 }
                 report
             }
@@ -353,7 +358,7 @@ fn hash_positions(positions: &[[f32; 3]]) -> u64 {
 }
 
 /// Squared distances to the full-space run, in units of strand length.
-struct ErrorSum<'a> {
+pub(crate) struct ErrorSum<'a> {
     rest: &'a [[f32; 3]],
     n: usize,
     length: Vec<f32>,
@@ -361,12 +366,12 @@ struct ErrorSum<'a> {
     all: f64,
     near: f64,
     rigid: f64,
-    count: u64,
+    pub(crate) count: u64,
     near_count: u64,
 }
 
 impl<'a> ErrorSum<'a> {
-    fn new(rest: &'a [[f32; 3]], n: usize, near: &[u32]) -> Self {
+    pub(crate) fn new(rest: &'a [[f32; 3]], n: usize, near: &[u32]) -> Self {
         let length: Vec<f32> = rest
             .chunks_exact(n)
             .map(|s| s.windows(2).map(|w| (Vector3::from(w[1]) - Vector3::from(w[0])).norm()).sum())
@@ -376,7 +381,7 @@ impl<'a> ErrorSum<'a> {
         Self { rest, n, length, is_near, all: 0.0, near: 0.0, rigid: 0.0, count: 0, near_count: 0 }
     }
 
-    fn add(&mut self, positions: &[[f32; 3]], reference: &[[f32; 3]], world_from_head: &Isometry3<f32>) {
+    pub(crate) fn add(&mut self, positions: &[[f32; 3]], reference: &[[f32; 3]], world_from_head: &Isometry3<f32>) {
         for s in 0..self.length.len() {
             for i in s * self.n + self.n / 2..(s + 1) * self.n {
                 let full = Vector3::from(reference[i]);
@@ -394,7 +399,7 @@ impl<'a> ErrorSum<'a> {
         }
     }
 
-    fn finish(&self) -> ErrorPct {
+    pub(crate) fn finish(&self) -> ErrorPct {
         let rms = |sum: f64, count: u64| if count > 0 { 100.0 * (sum / count as f64).sqrt() } else { 0.0 };
         ErrorPct {
             all: rms(self.all, self.count),

@@ -56,6 +56,12 @@ pub fn training_motions(scene: &Scene) -> Result<Vec<TrainingMotion>, Error> {
     Ok(motions)
 }
 
+/// The random motion that a scene's model is held to account on, of any length.
+#[must_use]
+pub fn held_out_motion(scene: &Scene, seconds: f64) -> PoseMotion {
+    random_head_motion(scene.train.seed, first_sequence(MotionUse::HeldOut), seconds, &HeadMotionParams::lively())
+}
+
 fn load(recorded: &RecordedSpec, pivot_cm: [f64; 3]) -> Result<TrainingMotion, Error> {
     let RecordedSpec { motion: spec, seconds, used_for } = recorded;
     let motion = spec.load(*seconds, pivot_cm)?;

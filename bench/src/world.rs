@@ -2,8 +2,9 @@
 
 use crate::baked::solid_of_mesh;
 use crate::error::Error;
-use crate::grooms::{GroomParams, Style, generate};
+use crate::grooms::{GroomParams, Style, generate, on_ball};
 use crate::shapes::{self, CombParams, solid_mesh};
+use crate::shapes_gear::{GearParams, gear_mesh};
 use adaptive_runtime::{material_of, record_of};
 use collision::{BakeParams, MovingSolid, Solid, SolidPose};
 use io_formats::BakeCache;
@@ -59,40 +60,17 @@ impl World {
                 let mesh = solid_mesh(&head);
                 (head, mesh)
             }
+            HeadShape::Ball(radius_cm) => {
+                let ball = shapes::sphere(*radius_cm as f32)?;
+                let mesh = solid_mesh(&ball);
+                (ball, mesh)
+            }
             HeadShape::Mesh(source) => bake("head", source, HEAD_FRICTION, cache)?,
         };
         progress("groom");
         let (groom, dropped_strands) = build_groom(&scene, &head)?;
         let head_motion = scene.head_motion()?;
-        let mut solids = Vec::new();
-        let mut solid_meshes = Vec::new();
-        let mut motions = Vec::new();
-        for spec in &scene.solids {
-            progress(&spec.name);
-            let meshed = |solid: Solid| {
-                let mesh = solid_mesh(&solid);
-                (solid, mesh)
-            };
-            let (mut solid, mesh) = match spec.shape {
-                SolidShape::Mesh(ref source) => bake(&spec.name, source, spec.friction as f32, cache)?,
-                SolidShape::Sphere { radius_cm } => meshed(shapes::sphere(radius_cm as f32)?),
-                SolidShape::Rod { radius_cm, length_cm } => meshed(shapes::rod(radius_cm as f32, length_cm as f32)?),
-                SolidShape::Comb { teeth, pitch_cm, tooth_radius_cm, tooth_length_cm, spine_radius_cm } => {
-                    meshed(shapes::comb(CombParams {
-                        teeth,
-                        pitch_cm: pitch_cm as f32,
-                        tooth_radius_cm: tooth_radius_cm as f32,
-                        tooth_length_cm: tooth_length_cm as f32,
-                        spine_radius_cm: spine_radius_cm as f32,
-                    })?)
-                }
-            };
-            solid.name.clone_from(&spec.name);
-            solid.friction = spec.friction as f32;
-            solids.push(solid);
-            solid_meshes.push(mesh);
-            motions.push((spec.attach, spec.motion.load(scene.seconds, [0.0; 3])?));
-        }
+        let Staged { solids, solid_meshes, motions } = stage(&scene, cache, &mut progress)?;
         let preset = match scene.material.preset {
             HairStyle::Straight => Material::straight(),
             HairStyle::Wavy => Material::wavy(),
@@ -110,6 +88,26 @@ impl World {
             solids,
             solid_meshes,
             motions,
+        })
+    }
+
+    /// The same hair on the same head, moved and met as another scene says; what that scene says of hair is left out.
+    ///
+    /// # Errors
+    /// Whatever the scene's files or parameters have wrong.
+    pub fn staged(&self, scene: Scene, cache: Option<&BakeCache>) -> Result<Self, Error> {
+        let Staged { solids, solid_meshes, motions } = stage(&scene, cache, &mut |_| {})?;
+        Ok(Self {
+            groom: self.groom.clone(),
+            dropped_strands: 0,
+            material: self.material,
+            head: self.head.clone(),
+            head_mesh: self.head_mesh.clone(),
+            head_motion: scene.head_motion()?,
+            solids,
+            solid_meshes,
+            motions,
+            scene,
         })
     }
 
@@ -163,10 +161,59 @@ impl World {
     }
 }
 
+/// The solids of a scene, made.
+struct Staged {
+    solids: Vec<Solid>,
+    solid_meshes: Vec<TriMesh>,
+    motions: Vec<(Attach, PoseMotion)>,
+}
+
+fn stage(scene: &Scene, cache: Option<&BakeCache>, progress: &mut impl FnMut(&str)) -> Result<Staged, Error> {
+    let mut solids = Vec::new();
+    let mut solid_meshes = Vec::new();
+    let mut motions = Vec::new();
+    for spec in &scene.solids {
+        progress(&spec.name);
+        let meshed = |solid: Solid| {
+            let mesh = solid_mesh(&solid);
+            (solid, mesh)
+        };
+        let (mut solid, mesh) = match spec.shape {
+            SolidShape::Mesh(ref source) => bake(&spec.name, source, spec.friction as f32, cache)?,
+            SolidShape::Sphere { radius_cm } => meshed(shapes::sphere(radius_cm as f32)?),
+            SolidShape::Rod { radius_cm, length_cm } => meshed(shapes::rod(radius_cm as f32, length_cm as f32)?),
+            SolidShape::Gear { teeth, spokes, radius_cm, tooth_cm, bore_cm, width_cm } => {
+                let [radius_cm, tooth_cm, bore_cm, width_cm] =
+                    [radius_cm, tooth_cm, bore_cm, width_cm].map(|x| x as f32);
+                let mesh = gear_mesh(GearParams { teeth, spokes, radius_cm, tooth_cm, bore_cm, width_cm })?;
+                bake_mesh(&spec.name, mesh, spec.friction as f32, cache)?
+            }
+            SolidShape::Comb { teeth, pitch_cm, tooth_radius_cm, tooth_length_cm, spine_radius_cm } => {
+                meshed(shapes::comb(CombParams {
+                    teeth,
+                    pitch_cm: pitch_cm as f32,
+                    tooth_radius_cm: tooth_radius_cm as f32,
+                    tooth_length_cm: tooth_length_cm as f32,
+                    spine_radius_cm: spine_radius_cm as f32,
+                })?)
+            }
+        };
+        solid.name.clone_from(&spec.name);
+        solid.friction = spec.friction as f32;
+        solids.push(solid);
+        solid_meshes.push(mesh);
+        motions.push((spec.attach, spec.motion.load(scene.seconds, [0.0; 3])?));
+    }
+    Ok(Staged { solids, solid_meshes, motions })
+}
+
 const HEAD_FRICTION: f32 = 0.1;
 
 fn bake(name: &str, source: &MeshSource, friction: f32, cache: Option<&BakeCache>) -> Result<(Solid, TriMesh), Error> {
-    let mesh = source.load()?;
+    bake_mesh(name, source.load()?, friction, cache)
+}
+
+fn bake_mesh(name: &str, mesh: TriMesh, friction: f32, cache: Option<&BakeCache>) -> Result<(Solid, TriMesh), Error> {
     let (solid, origin) = solid_of_mesh(name, &mesh, BakeParams::automatic(), friction, cache)?;
     tracing::debug!(solid = name, ?origin, "solid of a mesh");
     Ok((solid, mesh))
@@ -188,7 +235,11 @@ fn build_groom(scene: &Scene, head: &Solid) -> Result<(UniformGroom, usize), Err
                 seed: spec.seed,
                 head,
             };
-            Ok((generate(&params)?, 0))
+            let groom = match scene.head.shape {
+                HeadShape::Ball(radius_cm) => on_ball(&params, radius_cm as f32)?,
+                _ => generate(&params)?,
+            };
+            Ok((groom, 0))
         }
         GroomSource::File { path, .. } => {
             let in_file = |source| Error::Groom { path: path.clone(), source: Box::new(source) };

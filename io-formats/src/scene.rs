@@ -135,6 +135,8 @@ pub enum HeadShape {
     /// The analytic head that generated grooms grow on.
     #[default]
     Builtin,
+    /// A ball about the origin, with hair all over; radius in cm.
+    Ball(f64),
     /// A mesh in the groom's frame.
     Mesh(MeshSource),
 }
@@ -208,6 +210,21 @@ pub enum SolidShape {
         tooth_length_cm: f64,
         /// Radius of the spine (cm).
         spine_radius_cm: f64,
+    },
+    /// A toothed ring on spokes about the solid's z axis, cut through between them.
+    Gear {
+        /// Number of teeth.
+        teeth: usize,
+        /// Number of spokes.
+        spokes: usize,
+        /// Radius at the tips of the teeth (cm).
+        radius_cm: f64,
+        /// Height of a tooth (cm).
+        tooth_cm: f64,
+        /// Radius of the bore (cm).
+        bore_cm: f64,
+        /// Thickness along z (cm).
+        width_cm: f64,
     },
 }
 

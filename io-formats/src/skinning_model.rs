@@ -5,6 +5,7 @@
 //! Its bytes are laid out in docs/MODEL_FORMAT.md. [`SkinningModel::validate`] checks every invariant a reader relies on; a model that passes cannot make one panic.
 
 mod file;
+mod pick;
 
 use std::path::Path;
 

@@ -252,6 +252,40 @@ fn a_model_comes_back_as_it_was_saved() {
 }
 
 #[test]
+fn a_picked_strand_keeps_all_it_was_trained_with() {
+    let whole = model();
+    let order = [2, 1, 1, 0, 2];
+    let picked = whole.pick(&order).unwrap();
+    picked.validate().unwrap();
+    assert_eq!(picked.guide_strands, [3, 0], "guides keep their numbers and lie at their first copy");
+    for (at, &s) in order.iter().enumerate() {
+        let s = s as usize;
+        assert_eq!(picked.rest_of(at), whole.rest_of(s));
+        assert_eq!(picked.eligible_of(at), whole.eligible_of(s));
+        let (ours, theirs) = (picked.sets_of(at), whole.sets_of(s));
+        assert_eq!(
+            (ours.masks, ours.rms_error_cm, ours.stand_in),
+            (theirs.masks, theirs.rms_error_cm, theirs.stand_in)
+        );
+        for set in 0..ours.masks.len() {
+            let [a, b] = [(&picked, at), (&whole, s)]
+                .map(|(m, strand)| m.weights_of_set(m.set_start[strand] as usize + set).collect::<Vec<_>>());
+            assert_eq!(a, b);
+        }
+    }
+    let all: Vec<u32> = (0..whole.n_strands).collect();
+    assert_eq!(whole.pick(&all).unwrap(), whole);
+}
+
+#[test]
+fn a_pick_without_a_guide_or_of_no_strand_is_refused() {
+    let missing = model().pick(&[0, 1]).unwrap_err().to_string();
+    assert!(missing.contains("guide 1 is strand 2"), "{missing}");
+    let unknown = model().pick(&[0, 1, 2, 3]).unwrap_err().to_string();
+    assert!(unknown.contains("strand 3 of 3"), "{unknown}");
+}
+
+#[test]
 fn a_weight_survives_half_precision_to_a_thousandth() {
     /// Half precision keeps eleven bits.
     const HALF_ROUND_OFF: f32 = 5e-4;

@@ -68,6 +68,31 @@ fn defaults_are_those_documented() {
 }
 
 #[test]
+fn every_scene_of_the_repository_can_be_read() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../bench/scenes");
+    let mut names = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let s = Scene::read(&path).unwrap();
+        assert_eq!(path.file_stem().unwrap().to_str(), Some(s.name.as_str()), "a scene is found by its name");
+        names.push(s.name);
+    }
+    assert!(names.len() >= 12, "{names:?}");
+}
+
+#[test]
+fn a_ball_of_hair_and_gears_come_with_their_sizes() {
+    let s = scene(&format!(
+        "{SMALLEST}[head]\nbuiltin = \"ball\"\nradius_cm = 8\n[[solid]]\nname = \"g\"\nshape = {{ kind = \"gear\", \
+         teeth = 18, spokes = 5, radius_cm = 5, tooth_cm = 0.7, bore_cm = 0.8, width_cm = 1.2 }}\n"
+    ))
+    .unwrap();
+    assert_eq!(s.head.shape, HeadShape::Ball(8.0));
+    let SolidShape::Gear { teeth, spokes, width_cm, .. } = s.solids[0].shape else { panic!("a gear was given") };
+    assert_eq!((teeth, spokes, width_cm), (18, 5, 1.2));
+}
+
+#[test]
 fn every_style_is_known_by_its_name() {
     for (name, style) in [("straight", HairStyle::Straight), ("wavy", HairStyle::Wavy), ("curly", HairStyle::Curly)] {
         let text = SMALLEST.replace("wavy", name);
@@ -85,6 +110,12 @@ fn every_field_that_makes_no_sense_is_refused_by_name() {
         solid(&format!(
             "shape = {{ kind = \"comb\", teeth = {teeth}, pitch_cm = {pitch}, tooth_radius_cm = 0.1, \
              tooth_length_cm = 3, spine_radius_cm = 0.3 }}"
+        ))
+    };
+    let gear = |teeth: &str, tooth: &str| {
+        solid(&format!(
+            "shape = {{ kind = \"gear\", teeth = {teeth}, spokes = 5, radius_cm = 5, tooth_cm = {tooth}, bore_cm = 0.8, \
+             width_cm = 1 }}"
         ))
     };
     let sphere = "shape = { kind = \"sphere\", radius_cm = 1.0 }\n";
@@ -113,6 +144,9 @@ fn every_field_that_makes_no_sense_is_refused_by_name() {
         (solid(&format!("{sphere}keys = []")), "solid.s.keys"),
         (solid(&format!("{sphere}[[solid]]\nname = \"s\"\n{sphere}")), "solid[1].name"),
         (groom("[head]\npivot_cm = [0, nan, 0]"), "head.pivot_cm"),
+        (groom("[head]\nbuiltin = \"ball\"\nradius_cm = 0"), "head.radius_cm"),
+        (gear("2", "0.5"), "solid.s.shape.teeth"),
+        (gear("9", "-1"), "solid.s.shape.tooth_cm"),
         (groom("[head.motion]\nbvh = \"m\"\njoint = \"j\"\nunit = \"cm\"\nyaw_deg = nan"), "head.motion.yaw_deg"),
         (groom("[material]\nbend = -1"), "material.bend"),
         (groom("[material]\nlinear_density_g_per_cm = 0"), "material.linear_density_g_per_cm"),
@@ -146,7 +180,9 @@ fn misspelt_missing_and_contradicting_fields_are_refused_with_their_line() {
         ("name = \"a\"\n[groom]\nfile = \"a.hair\"\nunit = -2\n".into(), "-2"),
         (with("[head]\nmesh = \"h.obj\""), "head.unit is required"),
         (with("[head]\nunit = \"m\""), "head has no mesh"),
-        (with("[head]\nbuiltin = \"body\""), "only \"head\" exists"),
+        (with("[head]\nbuiltin = \"body\""), "only \"head\" and \"ball\" exist"),
+        (with("[head]\nbuiltin = \"ball\""), "head.radius_cm is required"),
+        (with("[head]\nradius_cm = 8"), "goes with head.builtin"),
         (with("[head.motion]\nbvh = \"m.bvh\"\nunit = \"cm\""), "head.motion.joint is required"),
         (with("[head.motion]\nbvh = \"m.bvh\"\njoint = \"Head\""), "head.motion.unit is required"),
         (with("[head.motion]\nskip_frames = 1"), "go with bvh only"),

@@ -30,10 +30,19 @@ const PIPELINE_VERSION: u64 = 11;
 const JUDGED_STRANDS: usize = 2000;
 
 /// Scenes that come with the program, by name.
-const BUILT_IN: [(&str, &str); 3] = [
+const BUILT_IN: [(&str, &str); 12] = [
     ("salon", include_str!("../../bench/scenes/salon.toml")),
     ("full-head", include_str!("../../bench/scenes/full-head.toml")),
     ("head-20k", include_str!("../../bench/scenes/head-20k.toml")),
+    ("salon-full", include_str!("../../bench/scenes/salon-full.toml")),
+    ("comb-fine", include_str!("../../bench/scenes/comb-fine.toml")),
+    ("comb-coarse", include_str!("../../bench/scenes/comb-coarse.toml")),
+    ("comb-fast", include_str!("../../bench/scenes/comb-fast.toml")),
+    ("sphere-sweep", include_str!("../../bench/scenes/sphere-sweep.toml")),
+    ("gears", include_str!("../../bench/scenes/gears.toml")),
+    ("hairy-ball", include_str!("../../bench/scenes/hairy-ball.toml")),
+    ("fig6-rod", include_str!("../../bench/scenes/fig6-rod.toml")),
+    ("fig6-lift", include_str!("../../bench/scenes/fig6-lift.toml")),
 ];
 
 /// Reads a scene file, or one that comes with the program, or makes one around a bare groom file.

@@ -26,8 +26,10 @@ pub(super) fn check(scene: &Scene) -> Check {
     within("fps", scene.fps, 0.1, 10_000.0)?;
     check_groom(scene)?;
 
-    if let HeadShape::Mesh(mesh) = &scene.head.shape {
-        check_mesh("head", mesh)?;
+    match &scene.head.shape {
+        HeadShape::Builtin => {}
+        HeadShape::Ball(radius_cm) => positive("head.radius_cm", *radius_cm)?,
+        HeadShape::Mesh(mesh) => check_mesh("head", mesh)?,
     }
     finite("head.pivot_cm", &scene.head.pivot_cm)?;
     check_motion("head.motion", &scene.head.motion)?;
@@ -130,6 +132,16 @@ fn check_solid(at: &str, solid: &SolidSpec) -> Check {
             if teeth > 1 && pitch_cm <= 2.0 * tooth_radius_cm {
                 let why = format!("{pitch_cm} leaves no gap between teeth of radius {tooth_radius_cm}");
                 return refuse(format!("{at}.shape.pitch_cm"), why);
+            }
+            Ok(())
+        }
+        SolidShape::Gear { teeth, spokes, radius_cm, tooth_cm, bore_cm, width_cm } => {
+            count(format!("{at}.shape.teeth"), teeth, 3, MAX_TEETH)?;
+            count(format!("{at}.shape.spokes"), spokes, 2, MAX_TEETH)?;
+            for (name, value) in
+                [("radius_cm", radius_cm), ("tooth_cm", tooth_cm), ("bore_cm", bore_cm), ("width_cm", width_cm)]
+            {
+                positive(format!("{at}.shape.{name}"), value)?;
             }
             Ok(())
         }

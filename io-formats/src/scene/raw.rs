@@ -244,6 +244,7 @@ impl TryFrom<RawRecorded> for RecordedSpec {
 #[serde(deny_unknown_fields)]
 pub(super) struct RawHead {
     builtin: Option<String>,
+    radius_cm: Option<f64>,
     mesh: Option<PathBuf>,
     unit: Option<LengthUnit>,
     center: Option<bool>,
@@ -258,11 +259,19 @@ impl TryFrom<RawHead> for HeadSpec {
 
     fn try_from(raw: RawHead) -> Result<Self, String> {
         let mesh = mesh_source("head", raw.mesh, raw.unit, raw.center, raw.rotate_deg)?;
+        if raw.radius_cm.is_some() && raw.builtin.as_deref() != Some("ball") {
+            return Err("head.radius_cm goes with head.builtin = \"ball\" only".into());
+        }
         let shape = match (raw.builtin.as_deref(), mesh) {
             (None | Some("head"), None) => HeadShape::Builtin,
+            (Some("ball"), None) => {
+                HeadShape::Ball(raw.radius_cm.ok_or("head.radius_cm is required with head.builtin = \"ball\"")?)
+            }
             (None, Some(mesh)) => HeadShape::Mesh(mesh),
             (Some(_), Some(_)) => return Err("head has both a mesh and a built-in shape, give one".into()),
-            (Some(other), None) => return Err(format!("head.builtin is {other:?}, only \"head\" exists")),
+            (Some(other), None) => {
+                return Err(format!("head.builtin is {other:?}, only \"head\" and \"ball\" exist"));
+            }
         };
         let motion = raw.motion.unwrap_or_default().build("head.motion")?;
         Ok(Self { shape, motion, pivot_cm: raw.pivot_cm })
@@ -296,6 +305,7 @@ enum RawShape {
     Sphere { radius_cm: f64 },
     Rod { radius_cm: f64, length_cm: f64 },
     Comb { teeth: usize, pitch_cm: f64, tooth_radius_cm: f64, tooth_length_cm: f64, spine_radius_cm: f64 },
+    Gear { teeth: usize, spokes: usize, radius_cm: f64, tooth_cm: f64, bore_cm: f64, width_cm: f64 },
 }
 
 #[derive(Deserialize)]
@@ -327,6 +337,9 @@ impl TryFrom<RawSolid> for SolidSpec {
             (None, Some(RawShape::Rod { radius_cm, length_cm })) => SolidShape::Rod { radius_cm, length_cm },
             (None, Some(RawShape::Comb { teeth, pitch_cm, tooth_radius_cm, tooth_length_cm, spine_radius_cm })) => {
                 SolidShape::Comb { teeth, pitch_cm, tooth_radius_cm, tooth_length_cm, spine_radius_cm }
+            }
+            (None, Some(RawShape::Gear { teeth, spokes, radius_cm, tooth_cm, bore_cm, width_cm })) => {
+                SolidShape::Gear { teeth, spokes, radius_cm, tooth_cm, bore_cm, width_cm }
             }
             (Some(_), Some(_)) => return Err(format!("solid {name:?} has both a mesh and a shape, give one")),
             (None, None) => return Err(format!("solid {name:?} needs a mesh or a shape")),
