@@ -5,7 +5,6 @@ use crate::correct::{Hold, Outcome, Surroundings, Travel, correct};
 use crate::graph::EdgeRule;
 use crate::interpolate::interpolate;
 use crate::params::{CliqueRule, Correction};
-use crate::solid_in_head::SolidInHead;
 use crate::response::{Elasticity, Response};
 use crate::runtime::{Runtime, Worker};
 use crate::solid_in_head::SolidInHead;

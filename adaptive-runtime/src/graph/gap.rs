@@ -157,8 +157,7 @@ impl Decider<'_> {
         for (s, (known, seen)) in known.iter_mut().zip(self.seen).enumerate() {
             let (a, b) = (seen.moved[usize::from(i)], seen.moved[usize::from(j)]);
             known.odometer += larger(a, b);
-            // Also where it is not a number.
-            if !(known.odometer <= LONGEST_CM) {
+            if known.odometer > LONGEST_CM || known.odometer.is_nan() {
                 let past = known.odometer;
                 for e in &mut expiry[s * self.n_strips()..(s + 1) * self.n_strips()] {
                     *e -= past;
@@ -247,10 +246,10 @@ impl Pair<'_> {
             let squared = a.iter().chain(b).map(|p| (p - middle).norm_squared());
             let radius = squared.fold(0.0, larger).sqrt();
             // Smaller boxes and balls could give no more than about twice what is taken here.
-            if !(budget >= radius) {
+            if budget < radius || radius.is_nan() {
                 budget = budget.max(self.seen.standing.budget(middle, radius));
             }
-            if !(budget >= radius) {
+            if budget < radius || radius.is_nan() {
                 let (low, high) = expiry.split_at_mut(n / 2 * STRIPS);
                 return self.renew(start, low, odometer).or_else(|| self.renew(start + n / 2, high, odometer));
             }

@@ -89,7 +89,7 @@ fn collect(sdf: &SignedDistanceField, standing: &Standing, block: Bounds, into: 
         return;
     }
     let axis = size.imax();
-    if !(size[axis] > PIECE_CELLS * sdf.cell()) {
+    if size[axis] <= PIECE_CELLS * sdf.cell() {
         into.push(block);
         return;
     }
