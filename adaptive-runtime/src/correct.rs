@@ -7,6 +7,7 @@
 //! lengths, and what a push adds counts as velocity, so that the offset neither flickers nor snaps. Everything is in the head frame.
 
 use crate::interpolate::MAX_PARTICLES;
+use crate::kernels::{Carry, Settle, Sound, run};
 use crate::look::{Look, Particles, Sight};
 use crate::offset::{N_FIXED, Return, farthest, fastest};
 use crate::params::{Correction, RuntimeParams};
@@ -69,7 +70,6 @@ pub(crate) struct Work {
     x: Vec<f32>,
     offset: Vec<f32>,
     velocity: Vec<f32>,
-    shape: Vec<f32>,
     look: Look,
 }
 
@@ -82,7 +82,6 @@ impl Work {
             &mut self.x,
             &mut self.offset,
             &mut self.velocity,
-            &mut self.shape,
         ] {
             buffer.resize(3 * pad, 0.0);
         }
@@ -147,7 +146,7 @@ pub(crate) fn correct(
     }
     bring_up(fade, &mut work.offset, &mut work.velocity, began, rate);
     let whole = Return::over(around.dt, rate);
-    place(&work.skin, &work.offset, &work.velocity, whole, &mut work.x);
+    run(Carry { skin: &work.skin, offset: &work.offset, velocity: &work.velocity, back: whole, x: &mut work.x });
     let reach = params.guides.contact.offset_cm as f32 + LEAST_WATCHED_CM.max(WATCHED_TRAVEL * travel.last);
     if residual.correction != Correction::Carried {
         return correct_at_end(around, slot, fade, carried, travel, reach, work, holds);
@@ -177,7 +176,7 @@ pub(crate) fn correct(
         if slot.n_touches > 0 {
             response.advance(&work.now, &work.offset, &work.velocity, &mut work.x);
         } else {
-            place(&work.now, &work.offset, &work.velocity, back, &mut work.x);
+            run(Carry { skin: &work.now, offset: &work.offset, velocity: &work.velocity, back: back, x: &mut work.x });
         }
         // Over parts of a step what slides is not known well enough to be slowed.
         let friction = (substeps == 1).then_some(&skin_at_start as &dyn Fn(&mut [f32]));
@@ -190,23 +189,20 @@ pub(crate) fn correct(
         if k == substeps && pushed {
             keep_out_of_head(around, response, work);
         }
-        settle(
-            &work.x,
-            &work.now,
-            1.0 / h as f32,
-            residual.max_speed as f32,
-            &mut work.offset,
-            &mut work.velocity,
-            pad,
-        );
+        run(Settle {
+            x: &work.x,
+            skin: &work.now,
+            inv_h: 1.0 / h as f32,
+            max_speed: residual.max_speed as f32,
+            offset: &mut work.offset,
+            velocity: &mut work.velocity,
+        });
     }
     if pushed || fade.carries(began) {
         offset.copy_from_slice(&work.offset);
         velocity.copy_from_slice(&work.velocity);
         *fade = Fade::of(offset, velocity, pad, around.time, rate, residual.rest_cm);
-        // A largest size does not see what is not a number; a sum does.
-        let sound = |values: &[f32]| values.iter().sum::<f32>().is_finite();
-        if !(sound(offset) && sound(velocity) && sound(&work.x)) {
+        if !(run(Sound(offset)) && run(Sound(velocity)) && run(Sound(&work.x))) {
             offset.fill(0.0);
             velocity.fill(0.0);
             slot.forget();
@@ -303,14 +299,6 @@ fn between(a: &[f32], b: &[f32], alpha: f32, out: &mut [f32]) {
     }
 }
 
-/// `skin` with the offset after some time: where the strand would go if nothing held it.
-#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
-fn place(skin: &[f32], offset: &[f32], velocity: &[f32], back: Return, x: &mut [f32]) {
-    for i in 0..x.len().min(skin.len()).min(offset.len()).min(velocity.len()) {
-        x[i] = skin[i] + back.value(offset[i], velocity[i]);
-    }
-}
-
 /// Length of the longest segment, cm.
 #[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
 fn longest_segment(x: &[f32], pad: usize, n: usize) -> f32 {
@@ -323,19 +311,6 @@ fn longest_segment(x: &[f32], pad: usize, n: usize) -> f32 {
         most = if length2 > most { length2 } else { most };
     }
     most.sqrt()
-}
-
-/// Moves the point at `s` of `segment` by `by`, and the strand with it.
-#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
-fn push(response: &Response, x: &mut [f32], shape: &mut [f32], pad: usize, segment: usize, s: f32, by: [f32; 3]) {
-    let shape = &mut shape[..pad];
-    response.to_push_at(segment, s, shape);
-    for c in 0..3 {
-        let x = &mut x[c * pad..(c + 1) * pad];
-        for i in 0..pad {
-            x[i] += by[c] * shape[i];
-        }
-    }
 }
 
 #[inline(always)]
@@ -421,7 +396,7 @@ fn hold_at_planes(
                 }
                 by = less(by, slowed_by_friction(pad, solid, at, -gap, work));
             }
-            push(response, &mut work.x, &mut work.shape, pad, at.0, at.1, by);
+            response.push_at(at.0, at.1, by, &mut work.x);
             again = true;
         }
         pushed |= again;
@@ -548,7 +523,7 @@ fn move_out(
         let gap = plane_gap(touch, frame.point(point_at(&work.x, pad, j, s)));
         if gap < 0.0 {
             let by = frame.vector_back(scaled(touch.normal, (-gap).min(most)));
-            push(response, &mut work.x, &mut work.shape, pad, j, s, by);
+            response.push_at(j, s, by, &mut work.x);
             pushed = true;
         }
     }
@@ -571,7 +546,7 @@ fn keep_out_of_head(around: &Surroundings, response: &Response, work: &mut Work)
         let kept = gap_kept.min(head.sdf.distance(Vector3::from(s)));
         if distance < kept {
             let by = normal * (kept - distance);
-            push(response, &mut work.x, &mut work.shape, pad, i - 1, 1.0, by.into());
+            response.push_at(i - 1, 1.0, by.into(), &mut work.x);
         }
     }
 }
@@ -605,18 +580,5 @@ fn keep_lengths(skin: &[f32], rest: &[f32], x: &mut [f32], pad: usize, n: usize)
             at += along * scale[i - 1];
             x[i] = at;
         }
-    }
-}
-
-/// Offset and velocity from where the strand has come to.
-#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
-fn settle(x: &[f32], skin: &[f32], inv_h: f32, max_speed: f32, offset: &mut [f32], velocity: &mut [f32], pad: usize) {
-    let (x, skin, offset, velocity) =
-        (&x[..3 * pad], &skin[..3 * pad], &mut offset[..3 * pad], &mut velocity[..3 * pad]);
-    for i in 0..3 * pad {
-        let d = x[i] - skin[i];
-        let v = (d - offset[i]) * inv_h;
-        velocity[i] = v.max(-max_speed).min(max_speed);
-        offset[i] = d;
     }
 }

@@ -1,17 +1,14 @@
-//! Skinning of one strand (AS16 Eq. 5, 6), lanes along the strand.
+//! Skinning of one strand (AS16 Eq. 5, 6), lanes along the strand; the arithmetic is in [`kernels`].
 //!
 //! All particles of a hair share one guide set, so nothing is gathered: a guide's transforms are twelve arrays over
 //! particle index, the quadratic weight is evaluated in the lane. Transforms are kept as what they add to the identity, so
 //! a hair at rest is reproduced exactly.
 
+use crate::kernels::{self, run};
 use crate::offset::Return;
 use crate::solid_in_head::Frame;
 use io_formats::guide_transform::{Blend, DisplacementTransform};
 use io_formats::skinning_model::{MAX_ELIGIBLE, WeightPoly};
-use multiversion::multiversion;
-
-/// Particles worked on together.
-const WIDTH: usize = 8;
 
 /// Most particles of a strand, padding included.
 pub(crate) const MAX_PARTICLES: usize = 64;
@@ -24,7 +21,7 @@ const TRANSLATION: usize = 9;
 
 /// Particle count padded to whole vectors.
 pub(crate) fn padded(n_particles: usize) -> usize {
-    n_particles.next_multiple_of(WIDTH)
+    n_particles.next_multiple_of(kernels::LANES)
 }
 
 /// Current transforms of all guides: guide-major, then [`ARRAYS`] arrays of `pad` values; padding repeats the tip.
@@ -32,7 +29,7 @@ pub(crate) fn padded(n_particles: usize) -> usize {
 pub(crate) struct TransformArrays {
     pub pad: usize,
     /// Whether any transform turns; if not, the nine arrays of `linear` are zero and left out of the blend.
-    turning: bool,
+    pub turning: bool,
     values: Vec<f32>,
 }
 
@@ -40,6 +37,11 @@ impl TransformArrays {
     pub(crate) fn new(n_guides: usize, n_particles: usize, blend: Blend) -> Self {
         let pad = padded(n_particles);
         Self { pad, turning: blend == Blend::Rigid, values: vec![0.0; n_guides * ARRAYS * pad] }
+    }
+
+    /// All values, guide-major.
+    pub(crate) fn all(&self) -> &[f32] {
+        &self.values
     }
 
     pub(crate) fn of_guide(&self, guide: usize) -> &[f32] {
@@ -135,23 +137,12 @@ impl ActiveSet {
 /// Implements AS16 Eq. (5), weights by AS16 Eq. (6) clamped at zero and normalised at each particle.
 ///
 /// `rest` and `out` hold three arrays (x, y, z) of `pad` values; `u` the particles' positions along the strand, 0 to 1.
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
 pub(crate) fn interpolate(rest: &[f32], u: &[f32], set: &ActiveSet, transforms: &TransformArrays, out: &mut [f32]) {
-    let pad = transforms.pad;
-    let (mut scale, mut moved) = ([0.0f32; MAX_PARTICLES], [[0.0f32; MAX_PARTICLES]; 3]);
-    blend(rest, u, set, transforms, &mut scale, &mut moved);
-    let scale = &scale[..pad];
-    for c in 0..3 {
-        let (out, rest, moved) = (&mut out[c * pad..(c + 1) * pad], &rest[c * pad..(c + 1) * pad], &moved[c][..pad]);
-        for i in 0..pad {
-            out[i] = moved[i].mul_add(scale[i], rest[i]);
-        }
-    }
+    run(kernels::Blend { rest, u, set, transforms, out });
 }
 
 /// As [`interpolate`], with what the strand carries (offset and velocity, three arrays of `pad` values each, some time ago), moved by
-/// `frame` where there is one, as points.
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+/// `frame` where there is one, as points; `skin` is room for three arrays.
 pub(crate) fn interpolate_to_points(
     rest: &[f32],
     u: &[f32],
@@ -159,101 +150,15 @@ pub(crate) fn interpolate_to_points(
     transforms: &TransformArrays,
     carried: Option<(&[f32], Return)>,
     frame: Option<&Frame>,
+    skin: &mut [f32],
     out: &mut [[f32; 3]],
 ) {
-    let pad = transforms.pad;
-    let (mut scale, mut moved) = ([0.0f32; MAX_PARTICLES], [[0.0f32; MAX_PARTICLES]; 3]);
-    blend(rest, u, set, transforms, &mut scale, &mut moved);
-    let scale = &scale[..pad];
-    for c in 0..3 {
-        let (rest, moved) = (&rest[c * pad..(c + 1) * pad], &mut moved[c][..pad]);
-        for i in 0..pad {
-            moved[i] = moved[i].mul_add(scale[i], rest[i]);
-        }
-    }
-    if let Some((carried, back)) = carried {
-        let (offset, velocity) = carried.split_at(3 * pad);
-        for c in 0..3 {
-            let (offset, velocity) = (&offset[c * pad..(c + 1) * pad], &velocity[c * pad..(c + 1) * pad]);
-            let moved = &mut moved[c][..pad];
-            for i in 0..pad {
-                moved[i] += back.value(offset[i], velocity[i]);
-            }
-        }
-    }
-    let n = out.len();
-    let out = &mut out.as_flattened_mut()[..3 * n];
-    let [x, y, z] = &moved;
-    let (x, y, z) = (&x[..n], &y[..n], &z[..n]);
-    match frame {
-        None => {
-            for i in 0..n {
-                out[3 * i] = x[i];
-                out[3 * i + 1] = y[i];
-                out[3 * i + 2] = z[i];
-            }
-        }
-        Some(frame) => {
-            let [(a, p), (b, q), (c, r)] = [frame.row(0), frame.row(1), frame.row(2)];
-            for i in 0..n {
-                out[3 * i] = a[0].mul_add(x[i], a[1].mul_add(y[i], a[2].mul_add(z[i], p)));
-                out[3 * i + 1] = b[0].mul_add(x[i], b[1].mul_add(y[i], b[2].mul_add(z[i], q)));
-                out[3 * i + 2] = c[0].mul_add(x[i], c[1].mul_add(y[i], c[2].mul_add(z[i], r)));
-            }
-        }
-    }
-}
-
-/// Sums what each guide adds to a strand's rest by its weight, into `moved`, and what the sums are to be multiplied by, into `scale`.
-#[inline(always)]
-fn blend(
-    rest: &[f32],
-    u: &[f32],
-    set: &ActiveSet,
-    transforms: &TransformArrays,
-    scale: &mut [f32; MAX_PARTICLES],
-    moved: &mut [[f32; MAX_PARTICLES]; 3],
-) {
-    let pad = transforms.pad;
-    let (rx, others) = rest.split_at(pad);
-    let (ry, rz) = others.split_at(pad);
-    let (u, rz) = (&u[..pad], &rz[..pad]);
-    let [mx, my, mz] = moved;
-    let (sum, mx, my, mz) = (&mut scale[..pad], &mut mx[..pad], &mut my[..pad], &mut mz[..pad]);
-    for b in 0..usize::from(set.n) {
-        let poly = set.weights[b];
-        let arrays = transforms.of_guide(usize::from(set.guides[b]));
-        let shifts = &arrays[TRANSLATION * pad..];
-        let (tx, others) = shifts.split_at(pad);
-        let (ty, tz) = others.split_at(pad);
-        let tz = &tz[..pad];
-        if transforms.turning {
-            let row = |k: usize| &arrays[k * pad..(k + 1) * pad];
-            let rows = [row(0), row(1), row(2), row(3), row(4), row(5), row(6), row(7), row(8)];
-            let [a, b, c, d, e, f, g, h, k] = rows;
-            for i in 0..pad {
-                let w = poly.quad.mul_add(u[i], poly.lin).mul_add(u[i], poly.con).max(0.0);
-                sum[i] += w;
-                let bx = a[i].mul_add(rx[i], b[i].mul_add(ry[i], c[i].mul_add(rz[i], tx[i])));
-                let by = d[i].mul_add(rx[i], e[i].mul_add(ry[i], f[i].mul_add(rz[i], ty[i])));
-                let bz = g[i].mul_add(rx[i], h[i].mul_add(ry[i], k[i].mul_add(rz[i], tz[i])));
-                mx[i] = w.mul_add(bx, mx[i]);
-                my[i] = w.mul_add(by, my[i]);
-                mz[i] = w.mul_add(bz, mz[i]);
-            }
-        } else {
-            for i in 0..pad {
-                let w = poly.quad.mul_add(u[i], poly.lin).mul_add(u[i], poly.con).max(0.0);
-                sum[i] += w;
-                mx[i] = w.mul_add(tx[i], mx[i]);
-                my[i] = w.mul_add(ty[i], my[i]);
-                mz[i] = w.mul_add(tz[i], mz[i]);
-            }
-        }
-    }
-    for s in sum {
-        *s = if *s > 0.0 { 1.0 / *s } else { 0.0 };
-    }
+    run(kernels::Points {
+        blend: kernels::Blend { rest, u, set, transforms, out: skin },
+        carried,
+        frame,
+        points: out.as_flattened_mut(),
+    });
 }
 
 /// The plain reading of AS16 Eq. (5) for one particle: the reference that [`interpolate`] is tested against.

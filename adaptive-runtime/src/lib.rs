@@ -13,6 +13,7 @@ mod guides;
 mod guides_dftl;
 mod hair_hair;
 mod interpolate;
+mod kernels;
 mod look;
 mod offset;
 mod params;

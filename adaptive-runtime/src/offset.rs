@@ -29,14 +29,20 @@ impl Return {
         }
     }
 
-    /// Value after that time.
+    /// The factors a, b, c, d.
     #[inline(always)]
+    pub(crate) fn factors(&self) -> [f32; 4] {
+        [self.a, self.b, self.c, self.d]
+    }
+
+    /// Value after that time.
+    #[cfg(test)]
     pub(crate) fn value(&self, value: f32, velocity: f32) -> f32 {
         self.a * value + self.b * velocity
     }
 
     /// Velocity after that time.
-    #[inline(always)]
+    #[cfg(test)]
     pub(crate) fn velocity(&self, value: f32, velocity: f32) -> f32 {
         self.c * value + self.d * velocity
     }

@@ -1,7 +1,7 @@
 //! Every hair where it is now: skinned, with what it carries (AS16 Eq. 5), in the world frame.
 
 use crate::hair_hair::ReadPoses;
-use crate::interpolate::interpolate_to_points;
+use crate::interpolate::{MAX_PARTICLES, interpolate_to_points};
 use crate::offset::Return;
 use crate::runtime::Runtime;
 use crate::solid_in_head::Frame;
@@ -23,6 +23,7 @@ impl Runtime {
         // Hair at rest on a head that has not moved is reproduced to the bit.
         let frame = (self.world_from_head != Isometry3::identity()).then(|| Frame::new(&self.world_from_head));
         self.positions.par_chunks_mut(CHUNK * n).enumerate().for_each(|(chunk, positions)| {
+            let mut skin = [0.0f32; 3 * MAX_PARTICLES];
             for (k, out) in positions.chunks_exact_mut(n).enumerate() {
                 let strand = chunk * CHUNK + k;
                 let rest = &strands.rest[strand * 3 * pad..(strand + 1) * 3 * pad];
@@ -32,7 +33,8 @@ impl Runtime {
                     (&strands.carried[at * 6 * pad..(at + 1) * 6 * pad], Return::over(time - fade.stamp, rate))
                 });
                 let active = &strands.active[strand];
-                interpolate_to_points(rest, &strands.u, active, transforms, carried, frame.as_ref(), out);
+                let skin = &mut skin[..3 * pad];
+                interpolate_to_points(rest, &strands.u, active, transforms, carried, frame.as_ref(), skin, out);
             }
         });
         if let Some(hair_hair) = &mut self.hair_hair {

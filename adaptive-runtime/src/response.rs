@@ -6,8 +6,8 @@
 //! on the material, the spacing of particles and h only, so its inverse is one small table for the whole head: it takes a
 //! strand through a step, and its columns are the shapes in which the strand yields to a push at one place.
 
+use crate::kernels::{StepFreely, Yield, run};
 use crate::offset::N_FIXED;
-use multiversion::multiversion;
 use nalgebra::DMatrix;
 use strand_sim::Material;
 
@@ -31,7 +31,6 @@ pub(crate) struct Elasticity<'a> {
 #[derive(Clone, Debug)]
 pub(crate) struct Response {
     pad: usize,
-    n: usize,
     /// Factors of the offset and of the velocity on the right side.
     keeps: f32,
     carries: f32,
@@ -78,18 +77,27 @@ impl Response {
                 }
             }
         }
-        Self { pad, n, keeps: keeps as f32, carries: (1.0 / step_s) as f32, rows }
+        Self { pad, keeps: keeps as f32, carries: (1.0 / step_s) as f32, rows }
     }
 
     /// Where the strand goes in a step if nothing holds it: `skin` and what becomes of the offset; all three arrays of `pad` values.
     pub(crate) fn advance(&self, skin: &[f32], offset: &[f32], velocity: &[f32], x: &mut [f32]) {
-        step_freely(self, skin, offset, velocity, x);
+        run(StepFreely {
+            rows: &self.rows[N_FIXED * self.pad..],
+            first: N_FIXED,
+            pad: self.pad,
+            keeps: self.keeps,
+            carries: self.carries,
+            skin,
+            offset,
+            velocity,
+            x,
+        });
     }
 
-    /// Displacement of all particles when the point at `s` of segment `segment` is moved by one, into `out` (`pad` values). Next to the
-    /// root, where the point yields less than its neighbours, by less; all zero if it cannot move.
-    #[inline(always)]
-    pub(crate) fn to_push_at(&self, segment: usize, s: f32, out: &mut [f32]) {
+    /// Moves the point at `s` of segment `segment` by `by`, and the strand `x` with it. Next to the root, where the point yields less than
+    /// its neighbours, by less; not at all if it cannot move.
+    pub(crate) fn push_at(&self, segment: usize, s: f32, by: [f32; 3], x: &mut [f32]) {
         let (a, b) = self.rows[segment * self.pad..(segment + 2) * self.pad].split_at(self.pad);
         let own = (1.0 - s) * ((1.0 - s) * a[segment] + s * b[segment])
             + s * ((1.0 - s) * a[segment + 1] + s * b[segment + 1]);
@@ -97,36 +105,7 @@ impl Response {
         let most = (1.0 - s) * a[segment].max(a[segment + 1]) + s * b[segment].max(b[segment + 1]);
         let yields = own.max(LEAST_YIELD * most);
         let scale = if yields > 0.0 { 1.0 / yields } else { 0.0 };
-        let (wa, wb) = ((1.0 - s) * scale, s * scale);
-        for ((o, x), y) in out.iter_mut().zip(a).zip(b) {
-            *o = wa * *x + wb * *y;
-        }
-    }
-}
-
-/// Particles worked on together.
-const WIDTH: usize = 8;
-
-#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
-fn step_freely(response: &Response, skin: &[f32], offset: &[f32], velocity: &[f32], x: &mut [f32]) {
-    let &Response { pad, n, keeps, carries, ref rows } = response;
-    for at in (0..pad).step_by(WIDTH) {
-        let mut sum = [[0.0f32; WIDTH]; 3];
-        for j in N_FIXED..n {
-            let row = &rows[j * pad + at..j * pad + at + WIDTH];
-            for c in 0..3 {
-                let right = keeps * offset[c * pad + j] + carries * velocity[c * pad + j];
-                for l in 0..WIDTH {
-                    sum[c][l] = right.mul_add(row[l], sum[c][l]);
-                }
-            }
-        }
-        for c in 0..3 {
-            let from = c * pad + at;
-            for l in 0..WIDTH {
-                x[from + l] = skin[from + l] + sum[c][l];
-            }
-        }
+        run(Yield { shapes: [a, b], weights: [(1.0 - s) * scale, s * scale], by, x });
     }
 }
 
@@ -142,12 +121,20 @@ mod tests {
         Response::new(25, PAD, of, 0.01)
     }
 
+    /// Displacement of all particles when the point at `s` of `segment` is moved by one.
+    fn shape_at(segment: usize, s: f32) -> Vec<f32> {
+        let mut x = vec![0.0; 3 * PAD];
+        response().push_at(segment, s, [1.0, 0.0, 0.0], &mut x);
+        x.truncate(PAD);
+        x
+    }
+
     #[test]
     fn an_offset_left_alone_comes_to_rest_and_its_energy_never_grows() {
         let response = response();
         let (skin, mut velocity) = (vec![0.0; 3 * PAD], vec![0.0; 3 * PAD]);
         let mut offset = vec![0.0; 3 * PAD];
-        response.to_push_at(12, 0.5, &mut offset[..PAD]);
+        offset[..PAD].copy_from_slice(&shape_at(12, 0.5));
         let mut x = vec![0.0; 3 * PAD];
         let mut size = f32::INFINITY;
         for step in 0..300 {
@@ -177,8 +164,8 @@ mod tests {
             x
         };
         let (mut a, mut b) = (vec![0.0; 3 * PAD], vec![0.0; 3 * PAD]);
-        response.to_push_at(8, 0.2, &mut a[..PAD]);
-        response.to_push_at(20, 0.7, &mut b[PAD..2 * PAD]);
+        a[..PAD].copy_from_slice(&shape_at(8, 0.2));
+        b[PAD..2 * PAD].copy_from_slice(&shape_at(20, 0.7));
         let both: Vec<f32> = a.iter().zip(&b).map(|(a, b)| a + b).collect();
         for ((x, y), z) in step(&a).iter().zip(step(&b)).zip(step(&both)) {
             assert!((x + y - z).abs() < 1e-5);
@@ -187,10 +174,9 @@ mod tests {
 
     #[test]
     fn the_pushed_point_moves_by_one_and_the_root_not_at_all() {
-        let mut shape = [0.0; PAD];
         for segment in 2..24 {
             for s in [0.0, 0.3, 1.0] {
-                response().to_push_at(segment, s, &mut shape);
+                let shape = shape_at(segment, s);
                 let there = (1.0 - s) * shape[segment] + s * shape[segment + 1];
                 assert!((there - 1.0).abs() < 1e-5, "{segment} {s} {there}");
                 assert!(shape.iter().all(|x| x.abs() < 1.5), "nothing moves much farther than what is pushed");
@@ -201,9 +187,8 @@ mod tests {
 
     #[test]
     fn a_push_beside_the_root_flings_nothing() {
-        let mut shape = [0.0; PAD];
         for s in [0.0, 1e-6, 0.01, 0.3, 1.0] {
-            response().to_push_at(N_FIXED - 1, s, &mut shape);
+            let shape = shape_at(N_FIXED - 1, s);
             assert!(shape.iter().all(|x| x.abs() < 2.5), "{s} {shape:?}");
         }
     }
@@ -222,8 +207,7 @@ mod tests {
 
     #[test]
     fn what_is_far_from_the_push_moves_little() {
-        let mut shape = [0.0; PAD];
-        response().to_push_at(12, 0.0, &mut shape);
+        let shape = shape_at(12, 0.0);
         assert!(shape[3].abs() < 0.1 && shape[24].abs() < 0.1, "{shape:?}");
         assert!(shape[11] > 0.5 && shape[13] > 0.5, "{shape:?}");
     }

@@ -5,6 +5,7 @@
 //! measured, none of its strands is looked at. Invariant: a strand whose group has travelled less than `awake_at` surely meets no solid.
 
 use crate::interpolate::{ActiveSet, TransformArrays, interpolate};
+use crate::kernels::{Age, Longest, run};
 use crate::offset::{N_FIXED, Return, fades_within};
 use io_formats::skinning_model::SkinningModel;
 
@@ -290,21 +291,12 @@ pub(crate) fn bring_up(fade: &Fade, offset: &mut [f32], velocity: &mut [f32], ti
         velocity.fill(0.0);
         return;
     }
-    let back = Return::over(time - fade.stamp, rate);
-    for (x, v) in offset.iter_mut().zip(velocity.iter_mut()) {
-        (*x, *v) = (back.value(*x, *v), back.velocity(*x, *v));
-    }
+    run(Age { offset, velocity, back: Return::over(time - fade.stamp, rate) });
 }
 
 /// Length of the longest of `pad` vectors kept as three arrays.
 pub(crate) fn largest(values: &[f32], pad: usize) -> f32 {
-    let (x, rest) = values.split_at(pad);
-    let (y, z) = rest.split_at(pad);
-    let mut most = 0.0f32;
-    for i in 0..pad {
-        most = most.max(x[i] * x[i] + y[i] * y[i] + z[i] * z[i]);
-    }
-    most.sqrt()
+    run(Longest { values, pad })
 }
 
 /// Strands with neighbours together: by the guide they depend on most, then along a curve through the middle of their rest.

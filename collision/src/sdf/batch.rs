@@ -122,10 +122,12 @@ fn sample_inside(grid: Grid, points: [&[f32]; 3], out: &mut Samples, singly: &mu
     let mut begin = 0;
     while begin < n && countable {
         let size = BLOCK.min(n - begin);
+        // A few points take as few passes.
+        let filled = size.next_multiple_of(LANES);
         *outside = [0; BLOCK];
         for k in 0..3 {
             t[k][..size].copy_from_slice(&points[k][begin..begin + size]);
-            for l in 0..BLOCK {
+            for l in 0..filled {
                 let g = (t[k][l] - origin[k]) * inv_cell;
                 // Points outside are sampled where they are nearest, and again later.
                 let held = if g >= 0.0 { g } else { 0.0 };
@@ -137,15 +139,15 @@ fn sample_inside(grid: Grid, points: [&[f32]; 3], out: &mut Samples, singly: &mu
             }
         }
         const B: u32 = BRICK as u32;
-        for l in 0..BLOCK {
+        for l in 0..filled {
             let [i, j, k] = [cell[0][l], cell[1][l], cell[2][l]];
             place[l] = ((k / B) * count_y + j / B) * count_x + i / B;
             within[l] = first_corner(i, j, k);
         }
-        for l in 0..BLOCK {
+        for l in 0..filled {
             place[l] = layout.table[place[l] as usize];
         }
-        for l in 0..BLOCK {
+        for l in 0..filled {
             let coarse = place[l] & COARSE != 0;
             place[l] = (place[l] & !COARSE) + if coarse { 0 } else { within[l] };
             let whole = if coarse { BRICK as u32 - 1 } else { 0 };
@@ -156,13 +158,13 @@ fn sample_inside(grid: Grid, points: [&[f32]; 3], out: &mut Samples, singly: &mu
             t[1][l] = (t[1][l] - small(cell[1][l] & !whole)) * share;
             t[2][l] = (t[2][l] - small(cell[2][l] & !whole)) * share;
         }
-        for l in 0..BLOCK {
+        for l in 0..filled {
             let corners = layout.corners(place[l] as usize);
             for e in 0..4 {
                 edges[e][l] = corners[e];
             }
         }
-        for first in (0..BLOCK).step_by(LANES) {
+        for first in (0..filled).step_by(LANES) {
             let lanes = first..first + LANES;
             let read = |from: &[f32; BLOCK]| {
                 let mut v = F8::ZERO;

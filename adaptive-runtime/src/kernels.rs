@@ -1,0 +1,309 @@
+//! The arithmetic on whole strands, eight particles to an instruction where the machine has it.
+//!
+//! A strand is three arrays of `pad` values, a multiple of [`LANES`]. Each kernel is the plain loop that its comment states, in the order of the particles;
+//! instructions are chosen when the program runs.
+
+use crate::interpolate::{ActiveSet, TransformArrays};
+use crate::offset::Return;
+use crate::solid_in_head::Frame;
+use pulp::{Arch, Simd, WithSimd};
+
+/// Particle counts are padded to a multiple of this: no machine's vectors are wider here.
+pub(crate) const LANES: usize = 8;
+
+/// Runs a kernel with the widest instructions the machine has.
+#[inline(always)]
+pub(crate) fn run<K: WithSimd>(kernel: K) -> K::Output {
+    Arch::new().dispatch(kernel)
+}
+
+#[inline(always)]
+fn vectors<S: Simd>(values: &[f32]) -> &[S::f32s] {
+    S::as_simd_f32s(values).0
+}
+
+#[inline(always)]
+fn vectors_mut<S: Simd>(values: &mut [f32]) -> &mut [S::f32s] {
+    S::as_mut_simd_f32s(values).0
+}
+
+/// AS16 Eq. (5): `out = rest + Σ w_b (linear_b rest + shift_b) / Σ w_b`, weights clamped at zero (AS16 Eq. 6).
+pub(crate) struct Blend<'a> {
+    pub rest: &'a [f32],
+    pub u: &'a [f32],
+    pub set: &'a ActiveSet,
+    pub transforms: &'a TransformArrays,
+    pub out: &'a mut [f32],
+}
+
+impl WithSimd for Blend<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { rest, u, set, transforms, out } = self;
+        let k = transforms.pad / S::F32_LANES;
+        let (rest, u, out) = (&vectors::<S>(rest)[..3 * k], &vectors::<S>(u)[..k], &mut vectors_mut::<S>(out)[..3 * k]);
+        let arrays = vectors::<S>(transforms.all());
+        let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
+        let n = usize::from(set.n).min(set.guides.len());
+        for i in 0..k {
+            let [x, y, z] = [rest[i], rest[k + i], rest[2 * k + i]];
+            let (mut sum, mut mx, mut my, mut mz) = (zero, zero, zero, zero);
+            for b in 0..n {
+                let poly = set.weights[b];
+                let (quad, lin, con) = (simd.splat_f32s(poly.quad), simd.splat_f32s(poly.lin), simd.splat_f32s(poly.con));
+                let w = simd.mul_add_f32s(simd.mul_add_f32s(quad, u[i], lin), u[i], con);
+                let w = simd.max_f32s(w, zero);
+                sum = simd.add_f32s(sum, w);
+                let guide = &arrays[usize::from(set.guides[b]) * crate::interpolate::ARRAYS * k..];
+                let guide = &guide[..crate::interpolate::ARRAYS * k];
+                let (mut tx, mut ty, mut tz) = (guide[9 * k + i], guide[10 * k + i], guide[11 * k + i]);
+                if transforms.turning {
+                    tx = simd.mul_add_f32s(guide[i], x, simd.mul_add_f32s(guide[k + i], y, simd.mul_add_f32s(guide[2 * k + i], z, tx)));
+                    ty = simd.mul_add_f32s(guide[3 * k + i], x, simd.mul_add_f32s(guide[4 * k + i], y, simd.mul_add_f32s(guide[5 * k + i], z, ty)));
+                    tz = simd.mul_add_f32s(guide[6 * k + i], x, simd.mul_add_f32s(guide[7 * k + i], y, simd.mul_add_f32s(guide[8 * k + i], z, tz)));
+                }
+                mx = simd.mul_add_f32s(w, tx, mx);
+                my = simd.mul_add_f32s(w, ty, my);
+                mz = simd.mul_add_f32s(w, tz, mz);
+            }
+            // Without a weight the strand stays at rest.
+            let weighs = simd.greater_than_f32s(sum, zero);
+            let scale = simd.select_f32s(weighs, simd.div_f32s(one, sum), zero);
+            out[i] = simd.mul_add_f32s(mx, scale, x);
+            out[k + i] = simd.mul_add_f32s(my, scale, y);
+            out[2 * k + i] = simd.mul_add_f32s(mz, scale, z);
+        }
+    }
+}
+
+/// [`Blend`], then the offset after some time, then a rigid motion where there is one, as points x, y, z.
+pub(crate) struct Points<'a> {
+    pub blend: Blend<'a>,
+    pub carried: Option<(&'a [f32], Return)>,
+    pub frame: Option<&'a Frame>,
+    pub points: &'a mut [f32],
+}
+
+impl WithSimd for Points<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Blend { rest, u, set, transforms, out } = self.blend;
+        let pad = transforms.pad;
+        Blend { rest, u, set, transforms, out: &mut *out }.with_simd(simd);
+        if let Some((carried, back)) = self.carried {
+            let k = 3 * pad / S::F32_LANES;
+            let (offset, velocity) = vectors::<S>(carried).split_at(k);
+            let [a, b, ..] = back.factors().map(|f| simd.splat_f32s(f));
+            for ((x, d), v) in vectors_mut::<S>(out).iter_mut().zip(offset).zip(velocity) {
+                *x = simd.add_f32s(*x, simd.mul_add_f32s(a, *d, simd.mul_f32s(b, *v)));
+            }
+        }
+        if let Some(frame) = self.frame {
+            let k = pad / S::F32_LANES;
+            let x = &mut vectors_mut::<S>(out)[..3 * k];
+            let rows = [frame.row(0), frame.row(1), frame.row(2)];
+            for i in 0..k {
+                let from = [x[i], x[k + i], x[2 * k + i]];
+                for c in 0..3 {
+                    let (turn, shift) = rows[c];
+                    let mut sum = simd.splat_f32s(shift);
+                    for d in 0..3 {
+                        sum = simd.mul_add_f32s(simd.splat_f32s(turn[d]), from[d], sum);
+                    }
+                    x[c * k + i] = sum;
+                }
+            }
+        }
+        let (x, rest) = out.split_at(pad);
+        let (y, z) = rest.split_at(pad);
+        for (((p, x), y), z) in self.points.chunks_exact_mut(3).zip(x).zip(y).zip(z) {
+            (p[0], p[1], p[2]) = (*x, *y, *z);
+        }
+    }
+}
+
+/// `x = skin + back(offset, velocity)`: where an offset takes a strand after some time.
+pub(crate) struct Carry<'a> {
+    pub skin: &'a [f32],
+    pub offset: &'a [f32],
+    pub velocity: &'a [f32],
+    pub back: Return,
+    pub x: &'a mut [f32],
+}
+
+impl WithSimd for Carry<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let x = vectors_mut::<S>(self.x);
+        let (skin, offset, velocity) = (vectors::<S>(self.skin), vectors::<S>(self.offset), vectors::<S>(self.velocity));
+        let [a, b, ..] = self.back.factors().map(|f| simd.splat_f32s(f));
+        for (((x, s), d), v) in x.iter_mut().zip(skin).zip(offset).zip(velocity) {
+            *x = simd.add_f32s(*s, simd.mul_add_f32s(a, *d, simd.mul_f32s(b, *v)));
+        }
+    }
+}
+
+/// Offset and velocity after some time, in place.
+pub(crate) struct Age<'a> {
+    pub offset: &'a mut [f32],
+    pub velocity: &'a mut [f32],
+    pub back: Return,
+}
+
+impl WithSimd for Age<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let [a, b, c, d] = self.back.factors().map(|f| simd.splat_f32s(f));
+        let pairs = vectors_mut::<S>(self.offset).iter_mut().zip(vectors_mut::<S>(self.velocity));
+        for (x, v) in pairs {
+            let now = simd.mul_add_f32s(a, *x, simd.mul_f32s(b, *v));
+            *v = simd.mul_add_f32s(c, *x, simd.mul_f32s(d, *v));
+            *x = now;
+        }
+    }
+}
+
+/// `x = skin + Σ_j table_j (keeps offset_j + carries velocity_j)`, per coordinate: one step of the linearised strand.
+pub(crate) struct StepFreely<'a> {
+    /// Rows of `pad` values, the first of which answers particle `first`.
+    pub rows: &'a [f32],
+    pub first: usize,
+    pub pad: usize,
+    pub keeps: f32,
+    pub carries: f32,
+    pub skin: &'a [f32],
+    pub offset: &'a [f32],
+    pub velocity: &'a [f32],
+    pub x: &'a mut [f32],
+}
+
+impl WithSimd for StepFreely<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { rows, first, pad, keeps, carries, skin, offset, velocity, x } = self;
+        let k = pad / S::F32_LANES;
+        let (rows, skin, x) = (vectors::<S>(rows), vectors::<S>(skin), vectors_mut::<S>(x));
+        let (dx, rest) = offset.split_at(pad);
+        let (dy, dz) = rest.split_at(pad);
+        let (vx, rest) = velocity.split_at(pad);
+        let (vy, vz) = rest.split_at(pad);
+        let n_rows = (rows.len() / k).min(pad - first);
+        for i in 0..k {
+            let (mut sx, mut sy, mut sz) = (skin[i], skin[k + i], skin[2 * k + i]);
+            for j in 0..n_rows {
+                let (row, p) = (rows[j * k + i], first + j);
+                let right = |d: &[f32], v: &[f32]| simd.splat_f32s(keeps * d[p] + carries * v[p]);
+                sx = simd.mul_add_f32s(right(dx, vx), row, sx);
+                sy = simd.mul_add_f32s(right(dy, vy), row, sy);
+                sz = simd.mul_add_f32s(right(dz, vz), row, sz);
+            }
+            (x[i], x[k + i], x[2 * k + i]) = (sx, sy, sz);
+        }
+    }
+}
+
+/// `x += by (a shape_a + b shape_b)`, per coordinate.
+pub(crate) struct Yield<'a> {
+    pub shapes: [&'a [f32]; 2],
+    pub weights: [f32; 2],
+    pub by: [f32; 3],
+    pub x: &'a mut [f32],
+}
+
+impl WithSimd for Yield<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let [a, b] = self.shapes.map(|s| vectors::<S>(s));
+        let [wa, wb] = self.weights.map(|w| simd.splat_f32s(w));
+        let [bx, by, bz] = self.by.map(|b| simd.splat_f32s(b));
+        let x = vectors_mut::<S>(self.x);
+        let k = a.len();
+        for i in 0..k {
+            let shape = simd.mul_add_f32s(wa, a[i], simd.mul_f32s(wb, b[i]));
+            x[i] = simd.mul_add_f32s(bx, shape, x[i]);
+            x[k + i] = simd.mul_add_f32s(by, shape, x[k + i]);
+            x[2 * k + i] = simd.mul_add_f32s(bz, shape, x[2 * k + i]);
+        }
+    }
+}
+
+/// `d = x - skin`, `velocity = (d - offset) / h` held within bounds, `offset = d`.
+pub(crate) struct Settle<'a> {
+    pub x: &'a [f32],
+    pub skin: &'a [f32],
+    pub inv_h: f32,
+    pub max_speed: f32,
+    pub offset: &'a mut [f32],
+    pub velocity: &'a mut [f32],
+}
+
+impl WithSimd for Settle<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let (x, skin) = (vectors::<S>(self.x), vectors::<S>(self.skin));
+        let (offset, velocity) = (vectors_mut::<S>(self.offset), vectors_mut::<S>(self.velocity));
+        let inv_h = simd.splat_f32s(self.inv_h);
+        let (most, least) = (simd.splat_f32s(self.max_speed), simd.splat_f32s(-self.max_speed));
+        for (((x, s), d), v) in x.iter().zip(skin).zip(offset).zip(velocity) {
+            let now = simd.sub_f32s(*x, *s);
+            let speed = simd.mul_f32s(simd.sub_f32s(now, *d), inv_h);
+            *v = simd.min_f32s(simd.max_f32s(speed, least), most);
+            *d = now;
+        }
+    }
+}
+
+/// Length of the longest of `pad` vectors kept as three arrays.
+pub(crate) struct Longest<'a> {
+    pub values: &'a [f32],
+    pub pad: usize,
+}
+
+impl WithSimd for Longest<'_> {
+    type Output = f32;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> f32 {
+        let k = self.pad / S::F32_LANES;
+        let v = vectors::<S>(self.values);
+        let mut most = simd.splat_f32s(0.0);
+        for i in 0..k {
+            let (x, y, z) = (v[i], v[k + i], v[2 * k + i]);
+            let length2 = simd.mul_add_f32s(x, x, simd.mul_add_f32s(y, y, simd.mul_f32s(z, z)));
+            most = simd.max_f32s(most, length2);
+        }
+        simd.reduce_max_f32s(most).sqrt()
+    }
+}
+
+/// Whether every value is finite.
+pub(crate) struct Sound<'a>(pub &'a [f32]);
+
+impl WithSimd for Sound<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> bool {
+        let zero = simd.splat_f32s(0.0);
+        let mut sum = zero;
+        for v in vectors::<S>(self.0) {
+            // Zero unless the value is none or without bound.
+            sum = simd.mul_add_f32s(*v, zero, sum);
+        }
+        simd.reduce_sum_f32s(sum) == 0.0
+    }
+}
