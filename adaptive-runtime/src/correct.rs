@@ -75,14 +75,9 @@ pub(crate) struct Work {
 
 impl Work {
     pub(crate) fn resize(&mut self, pad: usize) {
-        for buffer in [
-            &mut self.skin,
-            &mut self.old_skin,
-            &mut self.now,
-            &mut self.x,
-            &mut self.offset,
-            &mut self.velocity,
-        ] {
+        for buffer in
+            [&mut self.skin, &mut self.old_skin, &mut self.now, &mut self.x, &mut self.offset, &mut self.velocity]
+        {
             buffer.resize(3 * pad, 0.0);
         }
     }

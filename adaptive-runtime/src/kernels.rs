@@ -52,7 +52,8 @@ impl WithSimd for Blend<'_> {
             let (mut sum, mut mx, mut my, mut mz) = (zero, zero, zero, zero);
             for b in 0..n {
                 let poly = set.weights[b];
-                let (quad, lin, con) = (simd.splat_f32s(poly.quad), simd.splat_f32s(poly.lin), simd.splat_f32s(poly.con));
+                let (quad, lin, con) =
+                    (simd.splat_f32s(poly.quad), simd.splat_f32s(poly.lin), simd.splat_f32s(poly.con));
                 let w = simd.mul_add_f32s(simd.mul_add_f32s(quad, u[i], lin), u[i], con);
                 let w = simd.max_f32s(w, zero);
                 sum = simd.add_f32s(sum, w);
@@ -60,9 +61,21 @@ impl WithSimd for Blend<'_> {
                 let guide = &guide[..crate::interpolate::ARRAYS * k];
                 let (mut tx, mut ty, mut tz) = (guide[9 * k + i], guide[10 * k + i], guide[11 * k + i]);
                 if transforms.turning {
-                    tx = simd.mul_add_f32s(guide[i], x, simd.mul_add_f32s(guide[k + i], y, simd.mul_add_f32s(guide[2 * k + i], z, tx)));
-                    ty = simd.mul_add_f32s(guide[3 * k + i], x, simd.mul_add_f32s(guide[4 * k + i], y, simd.mul_add_f32s(guide[5 * k + i], z, ty)));
-                    tz = simd.mul_add_f32s(guide[6 * k + i], x, simd.mul_add_f32s(guide[7 * k + i], y, simd.mul_add_f32s(guide[8 * k + i], z, tz)));
+                    tx = simd.mul_add_f32s(
+                        guide[i],
+                        x,
+                        simd.mul_add_f32s(guide[k + i], y, simd.mul_add_f32s(guide[2 * k + i], z, tx)),
+                    );
+                    ty = simd.mul_add_f32s(
+                        guide[3 * k + i],
+                        x,
+                        simd.mul_add_f32s(guide[4 * k + i], y, simd.mul_add_f32s(guide[5 * k + i], z, ty)),
+                    );
+                    tz = simd.mul_add_f32s(
+                        guide[6 * k + i],
+                        x,
+                        simd.mul_add_f32s(guide[7 * k + i], y, simd.mul_add_f32s(guide[8 * k + i], z, tz)),
+                    );
                 }
                 mx = simd.mul_add_f32s(w, tx, mx);
                 my = simd.mul_add_f32s(w, ty, my);
@@ -141,7 +154,8 @@ impl WithSimd for Carry<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let x = vectors_mut::<S>(self.x);
-        let (skin, offset, velocity) = (vectors::<S>(self.skin), vectors::<S>(self.offset), vectors::<S>(self.velocity));
+        let (skin, offset, velocity) =
+            (vectors::<S>(self.skin), vectors::<S>(self.offset), vectors::<S>(self.velocity));
         let [a, b, ..] = self.back.factors().map(|f| simd.splat_f32s(f));
         for (((x, s), d), v) in x.iter_mut().zip(skin).zip(offset).zip(velocity) {
             *x = simd.add_f32s(*s, simd.mul_add_f32s(a, *d, simd.mul_f32s(b, *v)));

@@ -216,7 +216,7 @@ impl RuntimeParams {
             },
             hair_hair: HairHairParams { enabled: false, ..HairHairParams::standard() },
             gap_resolution: 0.5,
-            gap_period: 1,
+            gap_period: 8,
         }
     }
 
@@ -246,6 +246,7 @@ impl RuntimeParams {
         params.assign.growth_tolerance_cm = -1.0;
         params.two_way.solve = TwoWaySolve::LeastSquares;
         params.assign.cliques = CliqueRule::Grown;
+        params.gap_period = 1;
         params.two_way.idle_row_weight = 1.0;
         params.two_way.memory = 0.0;
         params.residual.correction = Correction::None;

@@ -153,8 +153,7 @@ impl Runtime {
     fn assign(&mut self) -> u32 {
         let (assign, residual, transforms) = (&self.params.assign, &self.params.residual, &self.guides.arrays);
         let (model, graph, clusters) = (&self.model, &self.graph, &self.clusters);
-        let changes =
-            self.assignment.update(model, graph, clusters, transforms, assign, self.step_number, &self.sets);
+        let changes = self.assignment.update(model, graph, clusters, transforms, assign, self.step_number, &self.sets);
         for change in changes {
             let s = change.strand as usize;
             let active = decode(model, s, change.set, assign.weights);
