@@ -107,6 +107,9 @@ pub(crate) enum Outcome {
     Lost,
 }
 
+/// Writes a strand as it was skinned at the start of the step.
+type SkinAtStart<'a> = dyn Fn(&mut [f32]) + 'a;
+
 /// A strand's place in its group and how the group moved.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Travel {
@@ -171,10 +174,10 @@ pub(crate) fn correct(
         if slot.n_touches > 0 {
             response.advance(&work.now, &work.offset, &work.velocity, &mut work.x);
         } else {
-            run(Carry { skin: &work.now, offset: &work.offset, velocity: &work.velocity, back: back, x: &mut work.x });
+            run(Carry { skin: &work.now, offset: &work.offset, velocity: &work.velocity, back, x: &mut work.x });
         }
         // Over parts of a step what slides is not known well enough to be slowed.
-        let friction = (substeps == 1).then_some(&skin_at_start as &dyn Fn(&mut [f32]));
+        let friction = (substeps == 1).then_some(&skin_at_start as &SkinAtStart);
         let held = hold_at_planes(around, response, slot, alpha, friction, work);
         if held {
             keep_lengths(&work.now, rest, &mut work.x, pad, n);
@@ -361,7 +364,7 @@ fn hold_at_planes(
     response: &Response,
     slot: &mut Slot,
     alpha: f32,
-    friction: Option<&dyn Fn(&mut [f32])>,
+    friction: Option<&SkinAtStart>,
     work: &mut Work,
 ) -> bool {
     let (pad, n) = (around.pad, around.n);

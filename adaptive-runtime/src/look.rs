@@ -210,8 +210,7 @@ impl Look {
             let (t, index) = self.along[k];
             let i = index as usize;
             let distance = self.distance[i];
-            // Not a number is nothing.
-            if !(distance < sight.reach) {
+            if distance >= sight.reach || distance.is_nan() {
                 continue;
             }
             let nearer = |other: Option<&(f32, u32)>, or_equal: bool| {
