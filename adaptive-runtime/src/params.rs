@@ -200,7 +200,7 @@ impl RuntimeParams {
             two_way: TwoWayParams {
                 enabled: true,
                 solve: TwoWaySolve::ConjugateGradients { iterations: 6 },
-                stiffness_over_inertia: 0.3,
+                stiffness_over_inertia: 0.1,
                 idle_row_weight: 0.05,
                 ridge: 1e-3,
                 memory: 0.8,
