@@ -26,6 +26,10 @@ const WATCHED_TRAVEL: f32 = 1.5;
 /// By how much more than the reach segments are marked as near, cm: so long they stay the only ones.
 const MARKED_CM: f32 = 0.5;
 
+/// Greatest speed at which a strand leaves a solid along any axis, cm/s: what it had beyond is lost to the hair around it and to the air.
+/// Returning by itself it then goes two centimetres farther at most.
+const RELEASE_SPEED: f32 = 30.0;
+
 /// Gap below which a place bears on the strand, cm.
 const BEARING_CM: f32 = 0.003;
 
@@ -54,6 +58,8 @@ pub(crate) struct Surroundings<'a> {
     pub params: &'a RuntimeParams,
     /// For each number of substeps.
     pub responses: &'a [Response],
+    /// Mean length of a strand, cm.
+    pub length_cm: f32,
     pub pad: usize,
     pub n: usize,
 }
@@ -196,11 +202,18 @@ pub(crate) fn correct(
             velocity: &mut work.velocity,
         });
     }
+    if slot.n_touches == 0 {
+        for v in &mut work.velocity {
+            *v = v.clamp(-RELEASE_SPEED, RELEASE_SPEED);
+        }
+    }
     if pushed || fade.carries(began) {
         offset.copy_from_slice(&work.offset);
         velocity.copy_from_slice(&work.velocity);
         *fade = Fade::of(offset, velocity, pad, around.time, rate, residual.rest_cm);
-        if !(run(Sound(offset)) && run(Sound(velocity)) && run(Sound(&work.x))) {
+        // Nothing holds a strand farther off its place than it is long.
+        let too_far = largest(offset, pad) > around.length_cm;
+        if too_far || !(run(Sound(offset)) && run(Sound(velocity)) && run(Sound(&work.x))) {
             offset.fill(0.0);
             velocity.fill(0.0);
             slot.forget();

@@ -209,6 +209,7 @@ impl Runtime {
             head,
             params: &self.params,
             responses: &self.responses,
+            length_cm: (self.spacing_cm * (n - 1) as f64) as f32,
             pad,
             n,
         };
