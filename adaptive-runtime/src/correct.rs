@@ -470,29 +470,23 @@ fn look(around: &Surroundings, slot: &mut Slot, alpha: f32, travel: Travel, reac
         clear = clear.min(work.look.at_strand(&sight(around, solid, alpha, longest, reach), x, slot.marked));
         for near in &work.look.found {
             let gap = near.distance - gap_kept;
+            let touch = Touch {
+                solid: k as u16,
+                segment: near.segment,
+                s: near.s,
+                gap,
+                point: near.point,
+                normal: near.normal,
+            };
             if count < MAX_TOUCHES {
-                slot.touches[count] = Touch {
-                    solid: k as u16,
-                    segment: near.segment,
-                    s: near.s,
-                    gap,
-                    point: near.point,
-                    normal: near.normal,
-                };
+                slot.touches[count] = touch;
                 count += 1;
             } else {
                 // The least of all are kept; the others bound what is not remembered.
                 let most = (0..count).fold(0, |m, i| if slot.touches[i].gap > slot.touches[m].gap { i } else { m });
                 clear = clear.min(gap_kept + gap.max(slot.touches[most].gap));
                 if gap < slot.touches[most].gap {
-                    slot.touches[most] = Touch {
-                        solid: k as u16,
-                        segment: near.segment,
-                        s: near.s,
-                        gap,
-                        point: near.point,
-                        normal: near.normal,
-                    };
+                    slot.touches[most] = touch;
                 }
             }
         }

@@ -153,9 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_solves_its_equation() {
-        // A (d_new) = right side, with A the inverse of the table: the table applied to a planted right side is linear and symmetric, so
-        // two offsets step as their sum does.
+    fn two_offsets_step_as_their_sum_does() {
         let response = response();
         let (skin, still) = (vec![0.0; 3 * PAD], vec![0.0; 3 * PAD]);
         let step = |offset: &[f32]| {
