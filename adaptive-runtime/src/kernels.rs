@@ -118,23 +118,51 @@ impl WithSimd for Points<'_> {
         if let Some(frame) = self.frame {
             let k = pad / S::F32_LANES;
             let x = &mut vectors_mut::<S>(out)[..3 * k];
-            let rows = [frame.row(0), frame.row(1), frame.row(2)];
             for i in 0..k {
-                let from = [x[i], x[k + i], x[2 * k + i]];
-                for c in 0..3 {
-                    let (turn, shift) = rows[c];
-                    let mut sum = simd.splat_f32s(shift);
-                    for d in 0..3 {
-                        sum = simd.mul_add_f32s(simd.splat_f32s(turn[d]), from[d], sum);
-                    }
-                    x[c * k + i] = sum;
-                }
+                let moved = moved(simd, frame, [x[i], x[k + i], x[2 * k + i]]);
+                (x[i], x[k + i], x[2 * k + i]) = moved.into();
             }
         }
         let (x, rest) = out.split_at(pad);
         let (y, z) = rest.split_at(pad);
         for (((p, x), y), z) in self.points.chunks_exact_mut(3).zip(x).zip(y).zip(z) {
             (p[0], p[1], p[2]) = (*x, *y, *z);
+        }
+    }
+}
+
+/// A rigid motion of points given by coordinate.
+#[inline(always)]
+fn moved<S: Simd>(simd: S, frame: &Frame, from: [S::f32s; 3]) -> [S::f32s; 3] {
+    let row = |r: usize| {
+        let (turn, shift) = frame.row(r);
+        let mut sum = simd.splat_f32s(shift);
+        for d in 0..3 {
+            sum = simd.mul_add_f32s(simd.splat_f32s(turn[d]), from[d], sum);
+        }
+        sum
+    };
+    [row(0), row(1), row(2)]
+}
+
+/// `out = frame(x)`: a strand in another frame.
+pub(crate) struct Turn<'a> {
+    pub frame: &'a Frame,
+    pub x: &'a [f32],
+    pub out: &'a mut [f32],
+}
+
+impl WithSimd for Turn<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let x = vectors::<S>(self.x);
+        let out = &mut vectors_mut::<S>(self.out)[..x.len()];
+        let k = x.len() / 3;
+        for i in 0..k {
+            let moved = moved(simd, self.frame, [x[i], x[k + i], x[2 * k + i]]);
+            (out[i], out[k + i], out[2 * k + i]) = moved.into();
         }
     }
 }

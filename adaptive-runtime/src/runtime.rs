@@ -2,7 +2,7 @@
 
 use crate::assign::{Assignment, best_set, decode};
 use crate::clusters::Clusters;
-use crate::correct::{Hold, MAX_SOLIDS, Work};
+use crate::correct::{Hold, MAX_SOLIDS};
 use crate::error::Error;
 use crate::graph::GuideGraph;
 use crate::guides::{Guides, material_of};
@@ -60,10 +60,9 @@ pub struct Runtime {
     pub(crate) skins: [Vec<f32>; 2],
 }
 
-/// Buffers of one part of the strands, the same whatever the number of threads.
+/// What one part of the strands met, the same whatever the number of threads.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Worker {
-    pub work: Work,
     pub holds: Vec<Hold>,
     pub near: u32,
     pub pushed: u32,

@@ -1,9 +1,8 @@
 //! One interactive step: the only place that knows the order of the stages.
 
 use crate::assign::decode;
-use crate::correct::{Hold, Outcome, Surroundings, Travel, correct};
+use crate::correct::{Hold, Members, Outcome, Skins, Surroundings, Travel, Work, correct};
 use crate::graph::EdgeRule;
-use crate::interpolate::interpolate;
 use crate::params::{CliqueRule, Correction};
 use crate::response::{Elasticity, Response};
 use crate::runtime::{Runtime, Worker};
@@ -15,10 +14,16 @@ use collision::{MovingDeformingSolid, MovingSolid, SolidPose};
 use io_formats::skinning_model::SkinningModel;
 use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
+use std::cell::RefCell;
 use strand_sim::Material;
 
 /// Groups of strands that one worker's part holds.
 const GROUPS_PER_PART: usize = 16;
+
+thread_local! {
+    /// Buffers of a thread: larger than what they are used on, so not one for each part.
+    static WORK: RefCell<Work> = RefCell::new(Work::default());
+}
 
 /// Strands of a part.
 const PART: usize = GROUPS_PER_PART * GROUP;
@@ -214,7 +219,8 @@ impl Runtime {
             n,
         };
         let (transforms, before) = (&self.guides.arrays, &self.transforms_before);
-        let (rests, actives, u) = (&strands.rest, &strands.active, &strands.u);
+        let (rest, active, u) = (&strands.rest, &strands.active, &strands.u);
+        let skins = Skins { rest, u, active, transforms, before, pad };
         strands
             .groups
             .par_chunks_mut(GROUPS_PER_PART)
@@ -223,32 +229,37 @@ impl Runtime {
             .zip(strands.carried.par_chunks_mut(PART * 6 * pad))
             .zip(self.workers.par_iter_mut())
             .for_each(|((((groups, slots), fades), carried), worker)| {
-                worker.holds.clear();
-                (worker.near, worker.pushed, worker.lost) = (0, 0, 0);
-                worker.work.resize(pad);
+                let Worker { holds, near, pushed, lost } = worker;
+                holds.clear();
+                (*near, *pushed, *lost) = (0, 0, 0);
                 let members =
                     slots.chunks_mut(GROUP).zip(fades.chunks_mut(GROUP)).zip(carried.chunks_mut(GROUP * 6 * pad));
                 for (group, ((slots, fades), carried)) in groups.iter_mut().zip(members) {
                     if group.travel < group.wake_at && around.time < group.wake_from {
                         continue;
                     }
-                    (group.wake_at, group.wake_from) = (f64::INFINITY, f64::INFINITY);
-                    let each = slots.iter_mut().zip(fades).zip(carried.chunks_exact_mut(6 * pad));
-                    for ((slot, fade), carried) in each {
+                    let mut awake = [0u8; GROUP];
+                    let mut n_awake = 0;
+                    for (k, slot) in slots.iter().enumerate() {
                         if group.travel >= slot.awake_at || around.time >= slot.awake_from {
-                            let s = slot.strand as usize;
-                            let rest = &rests[s * 3 * pad..(s + 1) * 3 * pad];
-                            interpolate(rest, u, &actives[s], transforms, &mut worker.work.skin);
-                            let travel = Travel { total: group.travel, last: group.last_travel };
-                            let at_start = |skin: &mut [f32]| interpolate(rest, u, &actives[s], before, skin);
-                            let Worker { work, holds, .. } = worker;
-                            match correct(&around, slot, fade, rest, carried, travel, work, at_start, holds) {
-                                Outcome::Away => {}
-                                Outcome::Near => worker.near += 1,
-                                Outcome::Pushed => (worker.near, worker.pushed) = (worker.near + 1, worker.pushed + 1),
-                                Outcome::Lost => worker.lost += 1,
-                            }
+                            awake[n_awake] = k as u8;
+                            n_awake += 1;
                         }
+                    }
+                    let travel = Travel { total: group.travel, last: group.last_travel };
+                    let mut members = Members { slots, fades, carried };
+                    WORK.with_borrow_mut(|work| {
+                        correct(&around, &skins, &mut members, &awake[..n_awake], travel, work, holds, &mut |outcome| {
+                            match outcome {
+                                Outcome::Away => {}
+                                Outcome::Near => *near += 1,
+                                Outcome::Pushed => (*near, *pushed) = (*near + 1, *pushed + 1),
+                                Outcome::Lost => *lost += 1,
+                            }
+                        });
+                    });
+                    (group.wake_at, group.wake_from) = (f64::INFINITY, f64::INFINITY);
+                    for slot in members.slots {
                         group.wake_at = group.wake_at.min(slot.awake_at);
                         group.wake_from = group.wake_from.min(slot.awake_from);
                     }

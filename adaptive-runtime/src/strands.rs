@@ -38,9 +38,6 @@ pub(crate) struct Slot {
     pub awake_from: f64,
     /// Step at whose end the strand was looked at last.
     pub looked: u64,
-    /// Segments that may be near a solid, one bit each, until the group's travel reaches `marked_until`, cm.
-    pub marked: u64,
-    pub marked_until: f64,
     pub n_touches: u8,
     pub touches: [Touch; MAX_TOUCHES],
 }
@@ -130,8 +127,6 @@ impl Strands {
                 awake_at: f64::NEG_INFINITY,
                 awake_from: f64::INFINITY,
                 looked: u64::MAX,
-                marked: 0,
-                marked_until: f64::NEG_INFINITY,
                 n_touches: 0,
                 touches: [Touch::default(); MAX_TOUCHES],
             });
@@ -260,7 +255,7 @@ impl Strands {
         }
         self.fades[at] = Fade::of(offset, velocity, pad, time, rate, least_cm);
         // The strand will move on its own: it must be looked at.
-        (slot.awake_at, slot.marked_until) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
+        slot.awake_at = f64::NEG_INFINITY;
         self.groups[at / GROUP].wake_at = f64::NEG_INFINITY;
     }
 }
@@ -280,7 +275,7 @@ impl Slot {
     /// Forgets touches.
     pub(crate) fn forget(&mut self) {
         self.n_touches = 0;
-        (self.awake_at, self.marked_until) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
+        self.awake_at = f64::NEG_INFINITY;
     }
 }
 
