@@ -13,7 +13,7 @@ use crate::offset::{N_FIXED, Return, farthest, fastest};
 use crate::params::{Correction, RuntimeParams};
 use crate::response::Response;
 use crate::solid_in_head::{Frame, SolidInHead, particle};
-use crate::strands::{Fade, GROUP, MAX_TOUCHES, Slot, Touch, bring_up, largest};
+use crate::strands::{Fade, GROUP, MAX_TOUCHES, Slot, Touch, Wake, bring_up, largest};
 use multiversion::multiversion;
 use nalgebra::Vector3;
 
@@ -73,6 +73,9 @@ struct Moving {
     x: Vec<f32>,
     offset: Vec<f32>,
     velocity: Vec<f32>,
+    /// Whether the offset or its velocity may be other than zero.
+    carries: bool,
+    /// Whether a solid has moved it in this step.
     pushed: bool,
 }
 
@@ -167,6 +170,7 @@ pub(crate) struct Travel {
 /// What the runtime keeps of the strands of a group.
 pub(crate) struct Members<'a> {
     pub slots: &'a mut [Slot],
+    pub wakes: &'a mut [Wake],
     pub fades: &'a mut [Fade],
     /// Offset, then velocity of each, three arrays of `pad` values each.
     pub carried: &'a mut [f32],
@@ -193,13 +197,15 @@ pub(crate) fn correct(
         let k = usize::from(k);
         let (slot, fade) = (&mut members.slots[k], &mut members.fades[k]);
         skins.at_end(slot.strand as usize, &mut w.skin);
-        let (offset, velocity) = members.carried[k * 6 * pad..(k + 1) * 6 * pad].split_at(3 * pad);
-        w.offset.copy_from_slice(offset);
-        w.velocity.copy_from_slice(velocity);
-        w.pushed = false;
         if residual.correction == Correction::Position {
             // What it moved is not carried on.
             *fade = Fade::NONE;
+        }
+        (w.carries, w.pushed) = (fade.carries(began), false);
+        if w.carries {
+            let (offset, velocity) = members.carried[k * 6 * pad..(k + 1) * 6 * pad].split_at(3 * pad);
+            w.offset.copy_from_slice(offset);
+            w.velocity.copy_from_slice(velocity);
         }
         bring_up(fade, &mut w.offset, &mut w.velocity, began, rate);
         // Planes older than a step say nothing of what has slipped past them since; a strand sleeps only where it can meet nothing for
@@ -234,7 +240,9 @@ pub(crate) fn correct(
             } else {
                 between(&w.old_skin, &w.skin, alpha, &mut w.now);
             }
-            if slot.n_touches > 0 {
+            if !w.carries {
+                w.x.copy_from_slice(&w.now);
+            } else if slot.n_touches > 0 {
                 response.advance(&w.now, &w.offset, &w.velocity, &mut w.x);
             } else {
                 run(Carry { skin: &w.now, offset: &w.offset, velocity: &w.velocity, back, x: &mut w.x });
@@ -254,6 +262,10 @@ pub(crate) fn correct(
             if substep == substeps && w.pushed {
                 keep_out_of_head(around, response, w);
             }
+            w.carries |= w.pushed;
+            if !w.carries {
+                continue;
+            }
             run(Settle {
                 x: &w.x,
                 skin: &w.now,
@@ -267,7 +279,8 @@ pub(crate) fn correct(
     for ((w, &clear), &k) in work.strands.iter_mut().zip(&work.clear).zip(awake) {
         let k = usize::from(k);
         let carried = &mut members.carried[k * 6 * pad..(k + 1) * 6 * pad];
-        outcome(leave(around, &mut members.slots[k], &mut members.fades[k], carried, travel, clear, w, holds));
+        let (slot, wake, fade) = (&mut members.slots[k], &mut members.wakes[k], &mut members.fades[k]);
+        outcome(leave(around, slot, wake, fade, carried, travel, clear, w, holds));
     }
 }
 
@@ -275,6 +288,7 @@ pub(crate) fn correct(
 fn leave(
     around: &Surroundings,
     slot: &mut Slot,
+    wake: &mut Wake,
     fade: &mut Fade,
     carried: &mut [f32],
     travel: Travel,
@@ -286,21 +300,24 @@ fn leave(
     let residual = &params.residual;
     let rate = residual.return_rate;
     let (offset, velocity) = carried.split_at_mut(3 * pad);
-    if slot.n_touches == 0 {
-        for v in &mut w.velocity {
-            *v = v.clamp(-RELEASE_SPEED, RELEASE_SPEED);
+    let (mut size, mut speed) = (0.0, 0.0);
+    if w.carries {
+        if slot.n_touches == 0 {
+            for v in &mut w.velocity {
+                *v = v.clamp(-RELEASE_SPEED, RELEASE_SPEED);
+            }
         }
-    }
-    if w.pushed || fade.carries(around.time - around.dt) {
+        (size, speed) = (largest(&w.offset, pad), largest(&w.velocity, pad));
         offset.copy_from_slice(&w.offset);
         velocity.copy_from_slice(&w.velocity);
         *fade = Fade::of(offset, velocity, pad, around.time, rate, residual.rest_cm);
         // Nothing holds a strand farther off its place than it is long.
-        let too_far = largest(offset, pad) > around.length_cm;
+        let too_far = size > around.length_cm;
         if too_far || !(run(Sound(offset)) && run(Sound(velocity)) && run(Sound(&w.x))) {
             offset.fill(0.0);
             velocity.fill(0.0);
-            slot.forget();
+            slot.n_touches = 0;
+            *wake = Wake::NOW;
             *fade = Fade::NONE;
             return Outcome::Lost;
         }
@@ -324,9 +341,8 @@ fn leave(
             }
         }
     }
-    let (size, speed) = (largest(&w.offset, pad), largest(&w.velocity, pad));
     let gap = f64::from(least - WATCHED_TRAVEL * travel.last).max(0.0);
-    slot.sleep(gap, travel.total, around.time, farthest(size, speed, rate), fastest(size, speed, rate));
+    *wake = Wake::after(gap, travel.total, around.time, farthest(size, speed, rate), fastest(size, speed, rate));
     match (bears, slot.n_touches) {
         (true, _) => Outcome::Pushed,
         (false, 0) => Outcome::Away,
@@ -356,9 +372,9 @@ fn correct_at_end(
     for ((w, &clear), &k) in work.strands.iter_mut().zip(&work.clear).zip(awake) {
         let k = usize::from(k);
         let slot = &mut members.slots[k];
-        (slot.awake_at, slot.awake_from) = (travel.total, f64::INFINITY);
+        members.wakes[k] = Wake { at: travel.total, from: f64::INFINITY };
         if slot.n_touches == 0 {
-            slot.awake_at += f64::from(clear);
+            members.wakes[k].at += f64::from(clear);
             outcome(Outcome::Away);
             continue;
         }

@@ -4,7 +4,7 @@
 //! particle index, the quadratic weight is evaluated in the lane. Transforms are kept as what they add to the identity, so
 //! a hair at rest is reproduced exactly.
 
-use crate::kernels::{self, run};
+use crate::kernels::{self, LANES, run};
 use crate::offset::Return;
 use crate::solid_in_head::Frame;
 use io_formats::guide_transform::{Blend, DisplacementTransform};
@@ -21,10 +21,11 @@ const TRANSLATION: usize = 9;
 
 /// Particle count padded to whole vectors.
 pub(crate) fn padded(n_particles: usize) -> usize {
-    n_particles.next_multiple_of(kernels::LANES)
+    n_particles.next_multiple_of(LANES)
 }
 
-/// Current transforms of all guides: guide-major, then [`ARRAYS`] arrays of `pad` values; padding repeats the tip.
+/// Current transforms of all guides: guide-major, then by [`LANES`] particles, then [`ARRAYS`] rows of that many values, so that what
+/// eight particles need of a guide lies in one piece; padding repeats the tip.
 #[derive(Clone, Debug)]
 pub(crate) struct TransformArrays {
     pub pad: usize,
@@ -44,8 +45,10 @@ impl TransformArrays {
         &self.values
     }
 
-    pub(crate) fn of_guide(&self, guide: usize) -> &[f32] {
-        &self.values[guide * ARRAYS * self.pad..(guide + 1) * ARRAYS * self.pad]
+    /// Where value `array` of a guide's particle is.
+    fn index(&self, guide: usize, array: usize, particle: usize) -> usize {
+        let block = guide * (self.pad / LANES) + particle / LANES;
+        (block * ARRAYS + array) * LANES + particle % LANES
     }
 
     /// Takes over another head's transforms of the same size.
@@ -54,12 +57,14 @@ impl TransformArrays {
         self.values.copy_from_slice(&other.values);
     }
 
-    /// The farthest that a guide's transforms can have moved anything they lead since `before`, cm: particles at rest at most
-    /// `farthest` from the guide's own, which rest in `rest`.
-    pub(crate) fn travel_since(&self, before: &Self, guide: usize, rest: &[[f32; 3]], farthest: f32) -> f32 {
-        let (now, old) = (self.of_guide(guide), before.of_guide(guide));
-        let change = |k: usize, i: usize| now[k * self.pad + i] - old[k * self.pad + i];
-        let mut most = 0.0f32;
+    /// How far a guide's transforms have moved its own particles since `before`, which rest in `rest`, and how much farther for each
+    /// centimetre that a particle rests from the guide's own; at most, cm and 1.
+    pub(crate) fn travel_since(&self, before: &Self, guide: usize, rest: &[[f32; 3]]) -> [f32; 2] {
+        let change = |array: usize, i: usize| {
+            let at = self.index(guide, array, i);
+            self.values[at] - before.values[at]
+        };
+        let mut most = [0.0f32; 2];
         for (i, r) in rest.iter().enumerate() {
             let (mut moved, mut turned) = (0.0, 0.0);
             for row in 0..3 {
@@ -74,33 +79,32 @@ impl TransformArrays {
                 moved += own * own;
             }
             // The largest stretch of a difference of rotations is its Frobenius norm over the root of two.
-            most = most.max(moved.sqrt() + (0.5f32 * turned).sqrt() * farthest);
+            most = [most[0].max(moved), most[1].max(0.5 * turned)];
         }
-        most
+        most.map(f32::sqrt)
     }
 
     /// [`Self::set_guide`] of a guide that only moves what is near it: what its particles have moved by, cm.
     pub(crate) fn set_guide_moved(&mut self, guide: usize, rest: &[[f32; 3]], current: &[[f32; 3]]) {
-        let (pad, last) = (self.pad, rest.len() - 1);
-        let arrays = &mut self.values[guide * ARRAYS * pad..(guide + 1) * ARRAYS * pad];
-        for (c, array) in arrays[TRANSLATION * pad..].chunks_exact_mut(pad).enumerate() {
-            for (i, out) in array.iter_mut().enumerate() {
-                let i = i.min(last);
-                *out = current[i][c] - rest[i][c];
+        for i in 0..self.pad {
+            let from = i.min(rest.len() - 1);
+            for c in 0..3 {
+                let at = self.index(guide, TRANSLATION + c, i);
+                self.values[at] = current[from][c] - rest[from][c];
             }
         }
     }
 
     pub(crate) fn set_guide(&mut self, guide: usize, transforms: &[DisplacementTransform]) {
-        let pad = self.pad;
-        let arrays = &mut self.values[guide * ARRAYS * pad..(guide + 1) * ARRAYS * pad];
-        for i in 0..pad {
+        for i in 0..self.pad {
             let t = &transforms[i.min(transforms.len() - 1)];
             for row in 0..3 {
                 for col in 0..3 {
-                    arrays[(3 * row + col) * pad + i] = t.linear[row][col];
+                    let at = self.index(guide, 3 * row + col, i);
+                    self.values[at] = t.linear[row][col];
                 }
-                arrays[(9 + row) * pad + i] = t.offset[row];
+                let at = self.index(guide, TRANSLATION + row, i);
+                self.values[at] = t.offset[row];
             }
         }
     }

@@ -3,7 +3,7 @@
 //! A strand is three arrays of `pad` values, a multiple of [`LANES`]. Each kernel is the plain loop that its comment states, in the order of the particles;
 //! instructions are chosen when the program runs.
 
-use crate::interpolate::{ActiveSet, TransformArrays};
+use crate::interpolate::{ARRAYS, ActiveSet, TransformArrays};
 use crate::offset::Return;
 use crate::solid_in_head::Frame;
 use pulp::{Arch, Simd, WithSimd};
@@ -42,53 +42,78 @@ impl WithSimd for Blend<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { rest, u, set, transforms, out } = self;
-        let k = transforms.pad / S::F32_LANES;
-        let (rest, u, out) = (&vectors::<S>(rest)[..3 * k], &vectors::<S>(u)[..k], &mut vectors_mut::<S>(out)[..3 * k]);
-        let arrays = vectors::<S>(transforms.all());
-        let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
-        let n = usize::from(set.n).min(set.guides.len());
-        for i in 0..k {
-            let [x, y, z] = [rest[i], rest[k + i], rest[2 * k + i]];
-            let (mut sum, mut mx, mut my, mut mz) = (zero, zero, zero, zero);
-            for b in 0..n {
-                let poly = set.weights[b];
-                let (quad, lin, con) =
-                    (simd.splat_f32s(poly.quad), simd.splat_f32s(poly.lin), simd.splat_f32s(poly.con));
-                let w = simd.mul_add_f32s(simd.mul_add_f32s(quad, u[i], lin), u[i], con);
-                let w = simd.max_f32s(w, zero);
-                sum = simd.add_f32s(sum, w);
-                let guide = &arrays[usize::from(set.guides[b]) * crate::interpolate::ARRAYS * k..];
-                let guide = &guide[..crate::interpolate::ARRAYS * k];
-                let (mut tx, mut ty, mut tz) = (guide[9 * k + i], guide[10 * k + i], guide[11 * k + i]);
-                if transforms.turning {
-                    tx = simd.mul_add_f32s(
-                        guide[i],
-                        x,
-                        simd.mul_add_f32s(guide[k + i], y, simd.mul_add_f32s(guide[2 * k + i], z, tx)),
-                    );
-                    ty = simd.mul_add_f32s(
-                        guide[3 * k + i],
-                        x,
-                        simd.mul_add_f32s(guide[4 * k + i], y, simd.mul_add_f32s(guide[5 * k + i], z, ty)),
-                    );
-                    tz = simd.mul_add_f32s(
-                        guide[6 * k + i],
-                        x,
-                        simd.mul_add_f32s(guide[7 * k + i], y, simd.mul_add_f32s(guide[8 * k + i], z, tz)),
-                    );
-                }
-                mx = simd.mul_add_f32s(w, tx, mx);
-                my = simd.mul_add_f32s(w, ty, my);
-                mz = simd.mul_add_f32s(w, tz, mz);
-            }
-            // Without a weight the strand stays at rest.
-            let weighs = simd.greater_than_f32s(sum, zero);
-            let scale = simd.select_f32s(weighs, simd.div_f32s(one, sum), zero);
-            out[i] = simd.mul_add_f32s(mx, scale, x);
-            out[k + i] = simd.mul_add_f32s(my, scale, y);
-            out[2 * k + i] = simd.mul_add_f32s(mz, scale, z);
+        if transforms.turning {
+            blend::<S, true>(simd, rest, u, set, transforms, out);
+        } else {
+            blend::<S, false>(simd, rest, u, set, transforms, out);
         }
     }
+}
+
+#[inline(always)]
+fn blend<S: Simd, const TURNING: bool>(
+    simd: S,
+    rest: &[f32],
+    u: &[f32],
+    set: &ActiveSet,
+    transforms: &TransformArrays,
+    out: &mut [f32],
+) {
+    // Vectors to a block of transforms: one where the machine's are as long as the blocks.
+    let split = LANES / S::F32_LANES;
+    let k = transforms.pad / S::F32_LANES;
+    let [x, y, z] = thirds(&vectors::<S>(rest)[..3 * k]);
+    let [out_x, out_y, out_z] = thirds_mut(&mut vectors_mut::<S>(out)[..3 * k]);
+    let (blocks, n_blocks) = (vectors::<S>(transforms.all()), transforms.pad / LANES);
+    let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
+    let n = usize::from(set.n).min(set.guides.len());
+    let (guides, weights) = (&set.guides[..n], &set.weights[..n]);
+    let lanes = x.iter().zip(y).zip(z).zip(&vectors::<S>(u)[..k]);
+    let out = out_x.iter_mut().zip(out_y).zip(out_z);
+    for (i, ((((x, y), z), u), ((out_x, out_y), out_z))) in lanes.zip(out).enumerate() {
+        let (mut sum, mut mx, mut my, mut mz) = (zero, zero, zero, zero);
+        for (guide, poly) in guides.iter().zip(weights) {
+            let (quad, lin, con) = (simd.splat_f32s(poly.quad), simd.splat_f32s(poly.lin), simd.splat_f32s(poly.con));
+            let w = simd.mul_add_f32s(simd.mul_add_f32s(quad, *u, lin), *u, con);
+            let w = simd.max_f32s(w, zero);
+            sum = simd.add_f32s(sum, w);
+            let block = (usize::from(*guide) * n_blocks + i / split) * ARRAYS * split;
+            let block = &blocks[block..block + ARRAYS * split];
+            let row = |array: usize| block[array * split + i % split];
+            let (mut tx, mut ty, mut tz) = (row(9), row(10), row(11));
+            if TURNING {
+                let turned = |first: usize, shift| {
+                    let z = simd.mul_add_f32s(row(first + 2), *z, shift);
+                    simd.mul_add_f32s(row(first), *x, simd.mul_add_f32s(row(first + 1), *y, z))
+                };
+                (tx, ty, tz) = (turned(0, tx), turned(3, ty), turned(6, tz));
+            }
+            mx = simd.mul_add_f32s(w, tx, mx);
+            my = simd.mul_add_f32s(w, ty, my);
+            mz = simd.mul_add_f32s(w, tz, mz);
+        }
+        // Without a weight the strand stays at rest.
+        let weighs = simd.greater_than_f32s(sum, zero);
+        let scale = simd.select_f32s(weighs, simd.div_f32s(one, sum), zero);
+        *out_x = simd.mul_add_f32s(mx, scale, *x);
+        *out_y = simd.mul_add_f32s(my, scale, *y);
+        *out_z = simd.mul_add_f32s(mz, scale, *z);
+    }
+}
+
+/// The three coordinates of a strand.
+#[inline(always)]
+fn thirds<T>(values: &[T]) -> [&[T]; 3] {
+    let (x, rest) = values.split_at(values.len() / 3);
+    let (y, z) = rest.split_at(x.len());
+    [x, y, z]
+}
+
+#[inline(always)]
+fn thirds_mut<T>(values: &mut [T]) -> [&mut [T]; 3] {
+    let (x, rest) = values.split_at_mut(values.len() / 3);
+    let (y, z) = rest.split_at_mut(x.len());
+    [x, y, z]
 }
 
 /// [`Blend`], then the offset after some time, then a rigid motion where there is one, as points x, y, z.
@@ -125,10 +150,31 @@ impl WithSimd for Points<'_> {
         }
         let (x, rest) = out.split_at(pad);
         let (y, z) = rest.split_at(pad);
-        for (((p, x), y), z) in self.points.chunks_exact_mut(3).zip(x).zip(y).zip(z) {
-            (p[0], p[1], p[2]) = (*x, *y, *z);
+        let n_values = self.points.len();
+        let mut blocks = self.points.chunks_exact_mut(3 * LANES);
+        for (i, block) in blocks.by_ref().enumerate() {
+            // Written out whole, so that it becomes shuffles and whole stores.
+            let [x, y, z]: [[f32; LANES]; 3] = [lanes(x, i), lanes(y, i), lanes(z, i)];
+            let points: [f32; 3 * LANES] = std::array::from_fn(|k| match k % 3 {
+                0 => x[k / 3],
+                1 => y[k / 3],
+                _ => z[k / 3],
+            });
+            block.copy_from_slice(&points);
+        }
+        let rest = blocks.into_remainder();
+        let first = (n_values - rest.len()) / 3;
+        for (k, p) in rest.chunks_exact_mut(3).enumerate() {
+            (p[0], p[1], p[2]) = (x[first + k], y[first + k], z[first + k]);
         }
     }
+}
+
+/// Values of one vector.
+#[inline(always)]
+fn lanes(values: &[f32], vector: usize) -> [f32; LANES] {
+    let from = &values[vector * LANES..(vector + 1) * LANES];
+    std::array::from_fn(|l| from[l])
 }
 
 /// A rigid motion of points given by coordinate.

@@ -10,7 +10,7 @@ use collision::{Samples, SignedDistanceField};
 use nalgebra::Vector3;
 
 /// Length of a step as a share of the distance: a place where the distance is least is that much off at most.
-const STEP_OVER_DISTANCE: f32 = 0.5;
+const STEP_OVER_DISTANCE: f32 = 0.3;
 
 /// Most steps to a segment: guards against a spacing of zero.
 const MOST_STEPS: f32 = 64.0;

@@ -9,9 +9,9 @@ use crate::guides::{Guides, material_of};
 use crate::hair_hair::HairHair;
 use crate::interpolate::{MAX_PARTICLES, TransformArrays, padded};
 use crate::offset::N_FIXED;
-use crate::params::RuntimeParams;
+use crate::params::{RuntimeParams, WeightRule};
 use crate::response::Response;
-use crate::strands::Strands;
+use crate::strands::{Strands, order};
 use crate::two_way::{ContactPoint, TwoWay};
 use collision::Solid;
 use io_formats::skinning_model::SkinningModel;
@@ -37,7 +37,7 @@ pub struct Runtime {
     pub(crate) guides: Guides,
     /// Guides' transforms before the last step.
     pub(crate) transforms_before: TransformArrays,
-    pub(crate) guide_travel: Vec<f32>,
+    pub(crate) guide_travel: Vec<[f32; 2]>,
     pub(crate) graph: GuideGraph,
     pub(crate) clusters: Clusters,
     pub(crate) assignment: Assignment,
@@ -67,6 +67,21 @@ pub(crate) struct Worker {
     pub near: u32,
     pub pushed: u32,
     pub lost: u32,
+}
+
+/// The same model with its strands in another order, those that follow the same guides together; and for each the strand it was.
+///
+/// A runtime steps and reads such a model faster than one in no order, by what its caches no longer miss. Positions then come in the order
+/// of the new model.
+///
+/// # Errors
+/// A model that breaks an invariant.
+pub fn neighbours_together(model: &SkinningModel) -> Result<(SkinningModel, Vec<u32>), Error> {
+    model.validate()?;
+    let active: Vec<_> =
+        (0..model.n_strands as usize).map(|s| decode(model, s, best_set(model, s), WeightRule::Trained)).collect();
+    let order = order(model, &active);
+    Ok((model.pick(&order)?, order))
 }
 
 impl Runtime {

@@ -7,7 +7,7 @@ use crate::params::{CliqueRule, Correction};
 use crate::response::{Elasticity, Response};
 use crate::runtime::{Runtime, Worker};
 use crate::solid_in_head::SolidInHead;
-use crate::strands::GROUP;
+use crate::strands::{GROUP, Wake};
 use crate::timings::{StageTimings, timed};
 use crate::two_way::{ContactPoint, Round};
 use collision::{MovingDeformingSolid, MovingSolid, SolidPose};
@@ -225,29 +225,33 @@ impl Runtime {
             .groups
             .par_chunks_mut(GROUPS_PER_PART)
             .zip(strands.slots.par_chunks_mut(PART))
+            .zip(strands.wakes.par_chunks_mut(PART))
             .zip(strands.fades.par_chunks_mut(PART))
             .zip(strands.carried.par_chunks_mut(PART * 6 * pad))
             .zip(self.workers.par_iter_mut())
-            .for_each(|((((groups, slots), fades), carried), worker)| {
+            .for_each(|(((((groups, slots), wakes), fades), carried), worker)| {
                 let Worker { holds, near, pushed, lost } = worker;
                 holds.clear();
                 (*near, *pushed, *lost) = (0, 0, 0);
-                let members =
-                    slots.chunks_mut(GROUP).zip(fades.chunks_mut(GROUP)).zip(carried.chunks_mut(GROUP * 6 * pad));
-                for (group, ((slots, fades), carried)) in groups.iter_mut().zip(members) {
-                    if group.travel < group.wake_at && around.time < group.wake_from {
+                let members = slots
+                    .chunks_mut(GROUP)
+                    .zip(wakes.chunks_mut(GROUP))
+                    .zip(fades.chunks_mut(GROUP))
+                    .zip(carried.chunks_mut(GROUP * 6 * pad));
+                for (group, (((slots, wakes), fades), carried)) in groups.iter_mut().zip(members) {
+                    if !group.wake.is_due(group.travel, around.time) {
                         continue;
                     }
                     let mut awake = [0u8; GROUP];
                     let mut n_awake = 0;
-                    for (k, slot) in slots.iter().enumerate() {
-                        if group.travel >= slot.awake_at || around.time >= slot.awake_from {
+                    for (k, wake) in wakes.iter().enumerate() {
+                        if wake.is_due(group.travel, around.time) {
                             awake[n_awake] = k as u8;
                             n_awake += 1;
                         }
                     }
                     let travel = Travel { total: group.travel, last: group.last_travel };
-                    let mut members = Members { slots, fades, carried };
+                    let mut members = Members { slots, wakes, fades, carried };
                     WORK.with_borrow_mut(|work| {
                         correct(&around, &skins, &mut members, &awake[..n_awake], travel, work, holds, &mut |outcome| {
                             match outcome {
@@ -258,11 +262,8 @@ impl Runtime {
                             }
                         });
                     });
-                    (group.wake_at, group.wake_from) = (f64::INFINITY, f64::INFINITY);
-                    for slot in members.slots {
-                        group.wake_at = group.wake_at.min(slot.awake_at);
-                        group.wake_from = group.wake_from.min(slot.awake_from);
-                    }
+                    let never = Wake { at: f64::INFINITY, from: f64::INFINITY };
+                    group.wake = members.wakes.iter().fold(never, |first, wake| first.first(*wake));
                 }
             });
         for worker in &self.workers {
