@@ -24,6 +24,22 @@ pub(crate) fn padded(n_particles: usize) -> usize {
     n_particles.next_multiple_of(LANES)
 }
 
+/// How far a guide moves what it leads in a step.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Travelled {
+    /// Its own particles, cm.
+    pub moved: f32,
+    /// More for each centimetre from them.
+    pub turned: f32,
+}
+
+impl Travelled {
+    /// The most that it moves what rests at most `farthest` cm from its own particles, cm.
+    pub(crate) fn within(self, farthest: f32) -> f32 {
+        self.moved + self.turned * farthest
+    }
+}
+
 /// Current transforms of all guides: guide-major, then by [`LANES`] particles, then [`ARRAYS`] rows of that many values, so that what
 /// eight particles need of a guide lies in one piece; padding repeats the tip.
 #[derive(Clone, Debug)]
@@ -57,31 +73,39 @@ impl TransformArrays {
         self.values.copy_from_slice(&other.values);
     }
 
-    /// How far a guide's transforms have moved its own particles since `before`, which rest in `rest`, and how much farther for each
-    /// centimetre that a particle rests from the guide's own; at most, cm and 1.
-    pub(crate) fn travel_since(&self, before: &Self, guide: usize, rest: &[[f32; 3]]) -> [f32; 2] {
-        let change = |array: usize, i: usize| {
-            let at = self.index(guide, array, i);
-            self.values[at] - before.values[at]
-        };
-        let mut most = [0.0f32; 2];
-        for (i, r) in rest.iter().enumerate() {
-            let (mut moved, mut turned) = (0.0, 0.0);
-            for row in 0..3 {
-                let mut own = change(TRANSLATION + row, i);
-                if self.turning {
-                    for col in 0..3 {
-                        let linear = change(3 * row + col, i);
-                        own += linear * r[col];
-                        turned += linear * linear;
-                    }
-                }
-                moved += own * own;
+    /// How far a guide has moved its own particles since `before`, which rest in `rest`, seen from what `carries` moves meanwhile; and
+    /// how much farther for each centimetre that a particle rests from the guide's own: at most, cm and 1.
+    pub(crate) fn travel_since(&self, before: &Self, guide: usize, rest: &[[f32; 3]], carries: &Frame) -> Travelled {
+        let mut moved2 = 0.0f32;
+        let mut turned2 = 0.0f32;
+        for (i, &r) in rest.iter().enumerate() {
+            let (now, old) = (self.place(guide, i, r), carries.point(before.place(guide, i, r)));
+            moved2 = moved2.max((0..3).map(|c| (now[c] - old[c]) * (now[c] - old[c])).sum());
+            let mut turned = 0.0;
+            for col in 0..3 {
+                let (now, old) = (self.column(guide, i, col), carries.vector(before.column(guide, i, col)));
+                turned += (0..3).map(|c| (now[c] - old[c]) * (now[c] - old[c])).sum::<f32>();
             }
-            // The largest stretch of a difference of rotations is its Frobenius norm over the root of two.
-            most = [most[0].max(moved), most[1].max(0.5 * turned)];
+            turned2 = turned2.max(turned);
         }
-        most.map(f32::sqrt)
+        // The largest stretch of a difference of rotations is its Frobenius norm over the root of two.
+        Travelled { moved: moved2.sqrt(), turned: (0.5 * turned2).sqrt() }
+    }
+
+    /// Where a guide's transform at a particle takes a point of the head at rest.
+    fn place(&self, guide: usize, particle: usize, rest: [f32; 3]) -> [f32; 3] {
+        let value = |array: usize| self.values[self.index(guide, array, particle)];
+        std::array::from_fn(|row| {
+            let linear: f32 = (0..3).map(|col| value(3 * row + col) * rest[col]).sum();
+            rest[row] + linear + value(TRANSLATION + row)
+        })
+    }
+
+    /// Column of the rotation of a guide's transform.
+    fn column(&self, guide: usize, particle: usize, col: usize) -> [f32; 3] {
+        std::array::from_fn(|row| {
+            self.values[self.index(guide, 3 * row + col, particle)] + if row == col { 1.0 } else { 0.0 }
+        })
     }
 
     /// [`Self::set_guide`] of a guide that only moves what is near it: what its particles have moved by, cm.

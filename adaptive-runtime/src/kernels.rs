@@ -3,7 +3,7 @@
 //! A strand is three arrays of `pad` values, a multiple of [`LANES`]. Each kernel is the plain loop that its comment states, in the order of the particles;
 //! instructions are chosen when the program runs.
 
-use crate::interpolate::{ARRAYS, ActiveSet, TransformArrays};
+use crate::interpolate::{ARRAYS, ActiveSet, MAX_PARTICLES, TransformArrays};
 use crate::offset::Return;
 use crate::solid_in_head::Frame;
 use pulp::{Arch, Simd, WithSimd};
@@ -280,22 +280,26 @@ impl WithSimd for StepFreely<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { rows, first, pad, keeps, carries, skin, offset, velocity, x } = self;
         let k = pad / S::F32_LANES;
-        let (rows, skin, x) = (vectors::<S>(rows), vectors::<S>(skin), vectors_mut::<S>(x));
-        let (dx, rest) = offset.split_at(pad);
-        let (dy, dz) = rest.split_at(pad);
-        let (vx, rest) = velocity.split_at(pad);
-        let (vy, vz) = rest.split_at(pad);
-        let n_rows = (rows.len() / k).min(pad - first);
+        let mut right = [0.0f32; 3 * MAX_PARTICLES];
+        let right = &mut right[..3 * pad];
+        let (keeps, carries) = (simd.splat_f32s(keeps), simd.splat_f32s(carries));
+        let pairs = vectors::<S>(offset).iter().zip(vectors::<S>(velocity));
+        for (r, (d, v)) in vectors_mut::<S>(right).iter_mut().zip(pairs) {
+            *r = simd.mul_add_f32s(keeps, *d, simd.mul_f32s(carries, *v));
+        }
+        let [right_x, right_y, right_z] = thirds(right).map(|r| &r[first.min(pad)..]);
+        let [skin_x, skin_y, skin_z] = thirds(&vectors::<S>(skin)[..3 * k]);
+        let [x, y, z] = thirds_mut(&mut vectors_mut::<S>(x)[..3 * k]);
+        let rows = vectors::<S>(rows);
         for i in 0..k {
-            let (mut sx, mut sy, mut sz) = (skin[i], skin[k + i], skin[2 * k + i]);
-            for j in 0..n_rows {
-                let (row, p) = (rows[j * k + i], first + j);
-                let right = |d: &[f32], v: &[f32]| simd.splat_f32s(keeps * d[p] + carries * v[p]);
-                sx = simd.mul_add_f32s(right(dx, vx), row, sx);
-                sy = simd.mul_add_f32s(right(dy, vy), row, sy);
-                sz = simd.mul_add_f32s(right(dz, vz), row, sz);
+            let (mut sx, mut sy, mut sz) = (skin_x[i], skin_y[i], skin_z[i]);
+            let column = rows[i..].iter().step_by(k).zip(right_x).zip(right_y).zip(right_z);
+            for (((row, x), y), z) in column {
+                sx = simd.mul_add_f32s(simd.splat_f32s(*x), *row, sx);
+                sy = simd.mul_add_f32s(simd.splat_f32s(*y), *row, sy);
+                sz = simd.mul_add_f32s(simd.splat_f32s(*z), *row, sz);
             }
-            (x[i], x[k + i], x[2 * k + i]) = (sx, sy, sz);
+            (x[i], y[i], z[i]) = (sx, sy, sz);
         }
     }
 }

@@ -10,7 +10,7 @@ use collision::{Samples, SignedDistanceField};
 use nalgebra::Vector3;
 
 /// Length of a step as a share of the distance: a place where the distance is least is that much off at most.
-const STEP_OVER_DISTANCE: f32 = 0.3;
+const STEP_OVER_DISTANCE: f32 = 0.5;
 
 /// Most steps to a segment: guards against a spacing of zero.
 const MOST_STEPS: f32 = 64.0;
@@ -50,33 +50,33 @@ pub(crate) struct Particles<'a> {
     pub pad: usize,
 }
 
-/// One sample of a walk.
-#[derive(Clone, Copy, Debug)]
-struct Sample {
-    /// Place along the strand in particles.
-    along: f32,
-    distance: f32,
-    point: [f32; 3],
-    gradient: [f32; 3],
-}
-
 /// A walk along one strand.
 #[derive(Clone, Copy, Debug)]
 struct Walk {
     strand: u32,
-    /// Place of the next sample.
+    /// Place of the next sample, in particles.
     along: f32,
     /// Bound on the length of a segment, cm.
     longest: f32,
-    /// Distance at the sample before the last.
+    /// Place of the last sample, and the distances at it and at the one before.
+    last_along: f32,
+    last: f32,
     before: f32,
-    last: Sample,
+}
+
+impl Walk {
+    /// Whether the last sample is less than the one before, and not more than the next.
+    fn is_least(&self, next: f32) -> bool {
+        !(self.before <= self.last || next < self.last)
+    }
 }
 
 /// Buffers of a worker.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Look {
     walks: Vec<Walk>,
+    /// What was found: strand, and place along it in particles.
+    found: Vec<(u32, f32)>,
     point: [Vec<f32>; 3],
     distance: Vec<f32>,
     gradient: [Vec<f32>; 3],
@@ -95,55 +95,44 @@ impl Look {
     ) {
         let Sight { field, first, end, reach, spacing } = *sight;
         let last = (end - 1) as f32;
-        let none = Sample { along: f32::NAN, distance: f32::INFINITY, point: [0.0; 3], gradient: [0.0; 3] };
+        self.found.clear();
         self.walks.clear();
         self.walks.extend(longest.iter().enumerate().map(|(strand, &longest)| Walk {
             strand: strand as u32,
             along: first as f32,
             longest,
+            last_along: f32::NAN,
+            last: f32::INFINITY,
             before: f32::INFINITY,
-            last: none,
         }));
-        self.fit(longest.len());
-        let stride = 3 * strands.pad;
         while !self.walks.is_empty() {
             let n = self.walks.len();
+            self.fit(n);
             for (k, walk) in self.walks.iter().enumerate() {
-                let x = &strands.x[walk.strand as usize * stride..][..stride];
-                let j = (walk.along as usize).min(end - 2);
-                let s = walk.along - j as f32;
-                let (a, b) = (particle(x, strands.pad, j), particle(x, strands.pad, j + 1));
-                for c in 0..3 {
-                    self.point[c][k] = a[c] + (b[c] - a[c]) * s;
-                }
+                let point = strands.at(walk.strand as usize, walk.along, end);
+                (0..3).for_each(|c| self.point[c][k] = point[c]);
             }
             self.sample(field, n);
             let mut kept = 0;
             for k in 0..n {
-                let mut walk = self.walks[k];
-                let sample = Sample {
-                    along: walk.along,
-                    distance: self.distance[k],
-                    point: [self.point[0][k], self.point[1][k], self.point[2][k]],
-                    gradient: [self.gradient[0][k], self.gradient[1][k], self.gradient[2][k]],
-                };
-                let i = walk.strand as usize;
-                if walk.last.distance < reach && walk.is_least(sample.distance) {
-                    found(i, walk.last.nearest(sight));
+                let (mut walk, distance) = (self.walks[k], self.distance[k]);
+                if walk.last < reach && walk.is_least(distance) {
+                    self.found.push((walk.strand, walk.last_along));
                 }
-                let sure = field.surely(sample.distance);
-                if !(walk.last.distance < reach && sample.distance < reach) && walk.last.along >= 0.0 {
-                    let length = (sample.along - walk.last.along) * walk.longest;
-                    clear[i] = clear[i].min(0.5 * (field.surely(walk.last.distance) + sure - length));
+                let sure = field.surely(distance);
+                if !(walk.last < reach && distance < reach) && walk.last_along >= 0.0 {
+                    let length = (walk.along - walk.last_along) * walk.longest;
+                    let clear = &mut clear[walk.strand as usize];
+                    *clear = clear.min(0.5 * (field.surely(walk.last) + sure - length));
                 }
-                if sample.distance.is_nan() {
+                if distance.is_nan() {
                     // Not a number clears nothing.
-                    clear[i] = f32::NEG_INFINITY;
+                    clear[walk.strand as usize] = f32::NEG_INFINITY;
                 }
-                (walk.before, walk.last) = (walk.last.distance, sample);
+                (walk.before, walk.last, walk.last_along) = (walk.last, distance, walk.along);
                 if walk.along >= last {
-                    if sample.distance < reach && walk.is_least(f32::INFINITY) {
-                        found(i, sample.nearest(sight));
+                    if distance < reach && walk.is_least(f32::INFINITY) {
+                        self.found.push((walk.strand, walk.along));
                     }
                     continue;
                 }
@@ -153,6 +142,32 @@ impl Look {
                 kept += 1;
             }
             self.walks.truncate(kept);
+        }
+        self.tell(sight, strands, found);
+    }
+
+    /// Samples what was found once more, now for its normals too.
+    fn tell(&mut self, sight: &Sight, strands: Particles, found: &mut impl FnMut(usize, Nearest)) {
+        let n = self.found.len();
+        self.fit(n);
+        for (k, &(strand, along)) in self.found.iter().enumerate() {
+            let point = strands.at(strand as usize, along, sight.end);
+            (0..3).for_each(|c| self.point[c][k] = point[c]);
+        }
+        self.sample(sight.field, n);
+        for (k, &(strand, along)) in self.found.iter().enumerate() {
+            let point = [self.point[0][k], self.point[1][k], self.point[2][k]];
+            let g = [self.gradient[0][k], self.gradient[1][k], self.gradient[2][k]];
+            let length2 = g[0] * g[0] + g[1] * g[1] + g[2] * g[2];
+            let normal = if length2 > LEAST_SLOPE2 {
+                g.map(|x| x / length2.sqrt())
+            } else {
+                sight.field.outward_normal(Vector3::from(point)).1.into()
+            };
+            let segment = (along as usize).min(sight.end - 2);
+            let s = along - segment as f32;
+            let distance = self.distance[k];
+            found(strand as usize, Nearest { segment: segment as u16, s, distance, point, normal });
         }
     }
 
@@ -169,39 +184,20 @@ impl Look {
         let [gx, gy, gz] = &mut self.gradient;
         field.sample(
             [&x[..n], &y[..n], &z[..n]],
-            &mut Samples {
-                distance: &mut self.distance[..n],
-                gradient: [&mut gx[..n], &mut gy[..n], &mut gz[..n]],
-            },
+            &mut Samples { distance: &mut self.distance[..n], gradient: [&mut gx[..n], &mut gy[..n], &mut gz[..n]] },
         );
     }
 }
 
-impl Walk {
-    /// Whether the last sample is less than the one before, and not more than the next.
-    fn is_least(&self, next: f32) -> bool {
-        let distance = self.last.distance;
-        !(self.before <= distance || next < distance)
-    }
-}
-
-impl Sample {
-    fn nearest(&self, sight: &Sight) -> Nearest {
-        let g = self.gradient;
-        let length2 = g[0] * g[0] + g[1] * g[1] + g[2] * g[2];
-        let normal = if length2 > LEAST_SLOPE2 {
-            g.map(|x| x / length2.sqrt())
-        } else {
-            sight.field.outward_normal(Vector3::from(self.point)).1.into()
-        };
-        let segment = (self.along as usize).min(sight.end - 2);
-        Nearest {
-            segment: segment as u16,
-            s: self.along - segment as f32,
-            distance: self.distance,
-            point: self.point,
-            normal,
-        }
+impl Particles<'_> {
+    /// The point of a strand at a place along it, of `end` particles.
+    #[inline(always)]
+    fn at(&self, strand: usize, along: f32, end: usize) -> [f32; 3] {
+        let x = &self.x[strand * 3 * self.pad..(strand + 1) * 3 * self.pad];
+        let j = (along as usize).min(end - 2);
+        let s = along - j as f32;
+        let (a, b) = (particle(x, self.pad, j), particle(x, self.pad, j + 1));
+        std::array::from_fn(|c| a[c] + (b[c] - a[c]) * s)
     }
 }
 
@@ -248,9 +244,7 @@ mod tests {
 
     fn longest(strand: &[f32]) -> f32 {
         (0..N - 1)
-            .map(|i| {
-                (Vector3::from(particle(strand, PAD, i)) - Vector3::from(particle(strand, PAD, i + 1))).norm()
-            })
+            .map(|i| (Vector3::from(particle(strand, PAD, i)) - Vector3::from(particle(strand, PAD, i + 1))).norm())
             .fold(0.0, f32::max)
     }
 

@@ -7,7 +7,7 @@ use crate::error::Error;
 use crate::graph::GuideGraph;
 use crate::guides::{Guides, material_of};
 use crate::hair_hair::HairHair;
-use crate::interpolate::{MAX_PARTICLES, TransformArrays, padded};
+use crate::interpolate::{MAX_PARTICLES, TransformArrays, Travelled, padded};
 use crate::offset::N_FIXED;
 use crate::params::{RuntimeParams, WeightRule};
 use crate::response::Response;
@@ -37,7 +37,7 @@ pub struct Runtime {
     pub(crate) guides: Guides,
     /// Guides' transforms before the last step.
     pub(crate) transforms_before: TransformArrays,
-    pub(crate) guide_travel: Vec<[f32; 2]>,
+    pub(crate) travelled: Vec<Travelled>,
     pub(crate) graph: GuideGraph,
     pub(crate) clusters: Clusters,
     pub(crate) assignment: Assignment,
@@ -141,7 +141,7 @@ impl Runtime {
             time: 0.0,
             transforms_before: guides.arrays.clone(),
             guides,
-            guide_travel: Vec::new(),
+            travelled: Vec::new(),
             assignment: Assignment::new(&model, &graph),
             graph,
             clusters,

@@ -115,9 +115,8 @@ impl Runtime {
         report.quarantined += guide_report.quarantined;
         self.world_from_head = input.world_from_head;
         self.time += input.dt;
-        let solid_cm = in_head.iter().map(|s| s.moved).fold(0.0, f32::max);
         let (before, now) = (&self.transforms_before, &self.guides.arrays);
-        self.strands.travel(&self.model, before, now, solid_cm, &mut self.guide_travel);
+        self.strands.travel(&self.model, before, now, &in_head, &mut self.travelled);
 
         if self.params.assign.adapt {
             timed(&mut report.timings.graph, || {
@@ -253,14 +252,21 @@ impl Runtime {
                     let travel = Travel { total: group.travel, last: group.last_travel };
                     let mut members = Members { slots, wakes, fades, carried };
                     WORK.with_borrow_mut(|work| {
-                        correct(&around, &skins, &mut members, &awake[..n_awake], travel, work, holds, &mut |outcome| {
-                            match outcome {
+                        correct(
+                            &around,
+                            &skins,
+                            &mut members,
+                            &awake[..n_awake],
+                            travel,
+                            work,
+                            holds,
+                            &mut |outcome| match outcome {
                                 Outcome::Away => {}
                                 Outcome::Near => *near += 1,
                                 Outcome::Pushed => (*near, *pushed) = (*near + 1, *pushed + 1),
                                 Outcome::Lost => *lost += 1,
-                            }
-                        });
+                            },
+                        );
                     });
                     let never = Wake { at: f64::INFINITY, from: f64::INFINITY };
                     group.wake = members.wakes.iter().fold(never, |first, wake| first.first(*wake));

@@ -4,10 +4,12 @@
 //! up how far its guides and the solids can have brought the two together since it was measured; until that exceeds the distance
 //! measured, none of its strands is looked at. Invariant: a strand whose group has travelled less than its [`Wake::at`] surely meets no solid.
 
-use crate::interpolate::{ActiveSet, TransformArrays, interpolate};
+use crate::interpolate::{ActiveSet, TransformArrays, Travelled, interpolate};
 use crate::kernels::{Age, Longest, run};
 use crate::offset::{N_FIXED, Return, fades_within};
+use crate::solid_in_head::{Frame, SolidInHead};
 use io_formats::skinning_model::SkinningModel;
+use nalgebra::Isometry3;
 
 /// Strands that wake together.
 pub(crate) const GROUP: usize = 32;
@@ -136,12 +138,7 @@ impl Strands {
         let mut slots = Vec::with_capacity(n_strands);
         for (slot, &strand) in order.iter().enumerate() {
             slot_of[strand as usize] = slot as u32;
-            slots.push(Slot {
-                strand,
-                looked: u64::MAX,
-                n_touches: 0,
-                touches: [Touch::default(); MAX_TOUCHES],
-            });
+            slots.push(Slot { strand, looked: u64::MAX, n_touches: 0, touches: [Touch::default(); MAX_TOUCHES] });
         }
         let mut leads: Vec<Lead> = Vec::new();
         let mut groups = Vec::with_capacity(n_strands.div_ceil(GROUP));
@@ -169,12 +166,7 @@ impl Strands {
             leads.truncate(kept);
             let leads_here = first..kept;
             note_followed(&mut leads[leads_here.clone()], members.iter().map(|&s| &active[s as usize]));
-            groups.push(Group {
-                travel: 0.0,
-                wake: Wake::NOW,
-                last_travel: 0.0,
-                leads: leads_here,
-            });
+            groups.push(Group { travel: 0.0, wake: Wake::NOW, last_travel: 0.0, leads: leads_here });
         }
         Self {
             n_particles: n,
@@ -212,27 +204,38 @@ impl Strands {
         self.fades.fill(Fade::NONE);
     }
 
-    /// Adds a step's travel to every group: of the guides from `before` to `now`, per guide into `guide_travel`, and of the solids, at
-    /// most `solid_cm`.
+    /// Adds a step's travel to every group: how far guides and solids have moved against each other, from `before` to `now`. `travelled` is
+    /// room for what each guide has moved, as seen from the head and from each solid.
+    ///
+    /// Seen from a solid whatever follows guides has moved as they have: transforms are affine, weights sum to one. Far from a
+    /// solid that turns, what the solid has moved itself is the better bound.
     pub(crate) fn travel(
         &mut self,
         model: &SkinningModel,
         before: &TransformArrays,
         now: &TransformArrays,
-        solid_cm: f32,
-        guide_travel: &mut Vec<[f32; 2]>,
+        solids: &[SolidInHead],
+        travelled: &mut Vec<Travelled>,
     ) {
-        guide_travel.clear();
+        let views = 1 + solids.len();
+        let still = Frame::new(&Isometry3::identity());
+        travelled.clear();
         for (g, &strand) in model.guide_strands.iter().enumerate() {
             let rest = model.rest_of(strand as usize);
-            guide_travel.push(now.travel_since(before, g, rest));
+            let from = std::iter::once(&still).chain(solids.iter().map(|solid| &solid.carries));
+            travelled.extend(from.map(|carries| now.travel_since(before, g, rest, carries)));
         }
         for group in &mut self.groups {
             let most = self.leads[group.leads.clone()].iter().fold(0.0f32, |most, lead| {
-                let [moved, turned] = guide_travel[usize::from(lead.guide)];
-                if lead.followed { most.max(moved + turned * lead.farthest) } else { most }
+                if !lead.followed {
+                    return most;
+                }
+                let of_guide = &travelled[usize::from(lead.guide) * views..][..views];
+                let own = of_guide[0].within(lead.farthest);
+                let against = of_guide[1..].iter().zip(solids);
+                against.fold(most, |most, (seen, solid)| most.max(seen.within(lead.farthest).min(own + solid.moved)))
             });
-            group.last_travel = most + solid_cm;
+            group.last_travel = most;
             group.travel += f64::from(group.last_travel);
         }
     }
