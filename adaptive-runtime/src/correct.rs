@@ -25,7 +25,7 @@ const WATCHED_TRAVEL: f32 = 1.5;
 
 /// Greatest speed at which a strand leaves a solid along any axis, cm/s: what it had beyond is lost to the hair around it and to the air.
 /// Returning by itself it then goes two centimetres farther at most.
-const RELEASE_SPEED: f32 = 30.0;
+const RELEASE_SPEED: f32 = 10.0;
 
 /// Gap below which a place bears on the strand, cm.
 const BEARING_CM: f32 = 0.003;
@@ -251,14 +251,14 @@ pub(crate) fn correct(
             let friction = (substeps == 1).then_some(skins);
             if hold_at_planes(around, response, slot, alpha, friction, w) {
                 let rest = skins.rest_of(slot.strand as usize);
-                keep_lengths(&w.now, rest, &mut w.x, pad, around.n);
+                keep_lengths(&w.now, rest, &mut w.x, &mut w.offset, pad, around.n);
                 w.pushed = true;
             }
         }
         look(around, members.slots, awake, alpha, reach, work);
         for (w, &k) in work.strands.iter_mut().zip(awake) {
             let slot = &mut members.slots[usize::from(k)];
-            w.pushed |= move_out(around, response, slot, alpha, (travel.last, h as f32), w);
+            w.pushed |= move_out(around, response, slot, alpha, (travel.last / substeps as f32, h as f32), w);
             if substep == substeps && w.pushed {
                 keep_out_of_head(around, response, w);
             }
@@ -508,7 +508,8 @@ fn hold_at_planes(
                 &turned
             };
             let y = pass(touch, frame, &work.x, pad, n);
-            let gap = plane_gap(touch, y);
+            // What was in the solid before is let out by and by, once it is looked at.
+            let gap = plane_gap(touch, y) - touch.gap.min(0.0);
             if gap >= 0.0 {
                 continue;
             }
@@ -628,11 +629,17 @@ fn move_out(
         let gap = plane_gap(touch, frame.point(point_at(&work.x, pad, j, s)));
         if gap < 0.0 {
             let by = frame.vector_back(scaled(touch.normal, (-gap).min(most)));
-            response.push_at(j, s, by, &mut work.x);
+            put_right(response, (j, s), by, work);
             pushed = true;
         }
     }
     pushed
+}
+
+/// Moves the strand at one place, which adds nothing to its velocity.
+fn put_right(response: &Response, (segment, s): (usize, f32), by: [f32; 3], work: &mut Moving) {
+    response.push_at(segment, s, by, &mut work.x);
+    response.push_at(segment, s, by, &mut work.offset);
 }
 
 /// Moves particles that are held off their place out of the head.
@@ -651,14 +658,14 @@ fn keep_out_of_head(around: &Surroundings, response: &Response, work: &mut Movin
         let kept = gap_kept.min(head.sdf.distance(Vector3::from(s)));
         if distance < kept {
             let by = normal * (kept - distance);
-            response.push_at(i - 1, 1.0, by.into(), &mut work.x);
+            put_right(response, (i - 1, 1.0), by.into(), work);
         }
     }
 }
 
 /// Gives every segment the length that it has on the skinned strand, or nearly that at rest, directions kept.
 #[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
-fn keep_lengths(skin: &[f32], rest: &[f32], x: &mut [f32], pad: usize, n: usize) {
+fn keep_lengths(skin: &[f32], rest: &[f32], x: &mut [f32], offset: &mut [f32], pad: usize, n: usize) {
     let mut now = [0.0f32; MAX_PARTICLES];
     let mut wanted = [0.0f32; MAX_PARTICLES];
     let mut at_rest = [0.0f32; MAX_PARTICLES];
@@ -676,13 +683,14 @@ fn keep_lengths(skin: &[f32], rest: &[f32], x: &mut [f32], pad: usize, n: usize)
         scale[i] = (length2 / now[i].max(1e-12)).sqrt();
     }
     for c in 0..3 {
-        let x = &mut x[c * pad..(c + 1) * pad];
+        let (x, offset) = (&mut x[c * pad..(c + 1) * pad], &mut offset[c * pad..(c + 1) * pad]);
         let mut before = x[N_FIXED - 1];
         let mut at = before;
         for i in N_FIXED..n {
             let along = x[i] - before;
             before = x[i];
             at += along * scale[i - 1];
+            offset[i] += at - x[i];
             x[i] = at;
         }
     }
