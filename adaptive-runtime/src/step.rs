@@ -1,7 +1,7 @@
 //! One interactive step: the only place that knows the order of the stages.
 
 use crate::assign::decode;
-use crate::correct::{Hold, Members, Outcome, Skins, Surroundings, Travel, Work, correct};
+use crate::correct::{Hold, MAX_SOLIDS, Members, Outcome, Skins, Surroundings, Travel, Work, correct};
 use crate::graph::EdgeRule;
 use crate::params::{CliqueRule, Correction};
 use crate::response::{Elasticity, Response};
@@ -10,6 +10,7 @@ use crate::solid_in_head::SolidInHead;
 use crate::strands::{GROUP, Wake};
 use crate::timings::{StageTimings, timed};
 use crate::two_way::{ContactPoint, Round};
+use arrayvec::ArrayVec;
 use collision::{MovingDeformingSolid, MovingSolid, SolidPose};
 use io_formats::skinning_model::SkinningModel;
 use nalgebra::{Isometry3, Vector3};
@@ -79,7 +80,7 @@ impl Runtime {
         // The solids are lent to the stages while the rest of the runtime is written.
         let solids = std::mem::take(&mut self.solids);
         let head = self.head.take();
-        let moving: Vec<MovingSolid> = solids
+        let moving: ArrayVec<MovingSolid, MAX_SOLIDS> = solids
             .iter()
             .enumerate()
             .map(|(k, solid)| MovingSolid {
@@ -92,7 +93,7 @@ impl Runtime {
             pose: SolidPose { from: self.world_from_head, to: input.world_from_head },
         });
         let (head_before, head_now) = (self.world_from_head.inverse(), input.world_from_head.inverse());
-        let in_head: Vec<SolidInHead> = moving
+        let in_head: ArrayVec<SolidInHead, MAX_SOLIDS> = moving
             .iter()
             .map(|m| {
                 let pose = SolidPose { from: head_before * m.pose.from, to: head_now * m.pose.to };
@@ -102,11 +103,10 @@ impl Runtime {
 
         self.transforms_before.copy_from(&self.guides.arrays);
         let guide_report = timed(&mut report.timings.guide_sim, || {
-            let mut all: Vec<MovingSolid> = moving.clone();
-            all.extend(moving_head);
+            let all: ArrayVec<MovingSolid, { MAX_SOLIDS + 1 }> = moving.iter().copied().chain(moving_head).collect();
             let carried = strand_sim::StepInput::carried(input.dt, self.world_from_head, input.world_from_head);
             // Hair lies on the head all the time: its field is enough.
-            let surfaces: Vec<_> = moving.iter().filter_map(MovingSolid::surface).collect();
+            let surfaces: ArrayVec<_, MAX_SOLIDS> = moving.iter().filter_map(MovingSolid::surface).collect();
             let (solids, surfaces, forces) = (&all, &surfaces, &self.two_way.forces);
             let step = strand_sim::StepInput { solids, surfaces, deforming, forces, ..carried };
             self.guides.step(&step, &input.world_from_head, &self.params.guides)
@@ -148,6 +148,7 @@ impl Runtime {
 
         self.world_from_solids.copy_from_slice(input.world_from_solids);
         self.step_number += 1;
+        drop((moving, in_head));
         self.solids = solids;
         self.head = head;
         report
