@@ -4,7 +4,8 @@
 //! the skinned strand. Unheld it returns as [`crate::offset`] says. A solid holds it off: at every place where the strand
 //! was near a solid at the end of the last step it must not cross the plane that separated them, however far both move; then where the
 //! strand has come to is looked at anew. A push is spread along the strand as [`crate::response`] says, segments keep their
-//! lengths, and what a push adds counts as velocity, so that the offset neither flickers nor snaps. Everything is in the head frame.
+//! lengths. The way that a plane takes it counts as velocity, so that the offset neither flickers nor snaps; what puts right where it is
+//! (lengths, depth in a solid, the head) does not, for over a short substep it would fling it. Everything is in the head frame.
 
 use crate::interpolate::{ActiveSet, MAX_PARTICLES, TransformArrays, interpolate};
 use crate::kernels::{Carry, Settle, Sound, Turn, run};
@@ -24,7 +25,7 @@ const LEAST_WATCHED_CM: f32 = 0.1;
 const WATCHED_TRAVEL: f32 = 1.5;
 
 /// Greatest speed at which a strand leaves a solid along any axis, cm/s: what it had beyond is lost to the hair around it and to the air.
-/// Returning by itself it then goes two centimetres farther at most.
+/// Returning by itself it then goes three quarters of a centimetre farther along it at most.
 const RELEASE_SPEED: f32 = 10.0;
 
 /// Gap below which a place bears on the strand, cm.
@@ -485,7 +486,8 @@ fn pass(touch: &mut Touch, frame: &Frame, x: &[f32], pad: usize, n: usize) -> [f
     frame.point(point_at(x, pad, usize::from(touch.segment), touch.s))
 }
 
-/// Keeps the strand on its side of the plane of every touch, where it passes; returns whether it had to.
+/// Keeps the strand on its side of the plane of every touch, where it passes, and no deeper behind one than it was; returns whether it
+/// had to.
 fn hold_at_planes(
     around: &Surroundings,
     response: &Response,
@@ -508,7 +510,7 @@ fn hold_at_planes(
                 &turned
             };
             let y = pass(touch, frame, &work.x, pad, n);
-            // What was in the solid before is let out by and by, once it is looked at.
+            // What was in the solid before is let out once it is looked at.
             let gap = plane_gap(touch, y) - touch.gap.min(0.0);
             if gap >= 0.0 {
                 continue;
@@ -610,7 +612,8 @@ fn look(around: &Surroundings, slots: &mut [Slot], awake: &[u8], alpha: f32, rea
     }
 }
 
-/// Moves the strand out of solids at its touches, just looked at; returns whether it had to.
+/// Moves the strand out of solids at its touches, just looked at, by at most what strand and solid move (`travel`, cm, and as fast as
+/// pushes may be over `h`, s); returns whether it had to.
 fn move_out(
     around: &Surroundings,
     response: &Response,
@@ -636,7 +639,7 @@ fn move_out(
     pushed
 }
 
-/// Moves the strand at one place, which adds nothing to its velocity.
+/// Moves the strand at one place, and its offset at the start with it: that adds nothing to its velocity.
 fn put_right(response: &Response, (segment, s): (usize, f32), by: [f32; 3], work: &mut Moving) {
     response.push_at(segment, s, by, &mut work.x);
     response.push_at(segment, s, by, &mut work.offset);
@@ -663,7 +666,8 @@ fn keep_out_of_head(around: &Surroundings, response: &Response, work: &mut Movin
     }
 }
 
-/// Gives every segment the length that it has on the skinned strand, or nearly that at rest, directions kept.
+/// Gives every segment the length that it has on the skinned strand, or nearly that at rest, directions kept; the offset at the start goes
+/// with it, so that nothing of that counts as velocity.
 #[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
 fn keep_lengths(skin: &[f32], rest: &[f32], x: &mut [f32], offset: &mut [f32], pad: usize, n: usize) {
     let mut now = [0.0f32; MAX_PARTICLES];
@@ -695,3 +699,6 @@ fn keep_lengths(skin: &[f32], rest: &[f32], x: &mut [f32], offset: &mut [f32], p
         }
     }
 }
+
+#[cfg(test)]
+mod tests;
