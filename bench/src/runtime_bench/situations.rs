@@ -6,12 +6,14 @@ use super::quality::{FullRun, full_run, measure, with};
 use super::{Figure, Subject, resident_mb};
 use crate::error::Error;
 use crate::run::read_positions;
-use adaptive_runtime::{Correction, RuntimeParams};
+use adaptive_runtime::{Correction, DftlParams, GuideIntegrator, RuntimeParams};
 use cpu_time::ProcessTime;
 use rayon::prelude::*;
 
 /// Share of the level of guides that counts as returned.
 const RETURNED: f64 = 0.95;
+/// Distance of tips beyond which guides count as apart where that alone decides (AS16 §7.2), cm: a few times that of neighbours.
+const TIPS_APART_CM: f32 = 4.0;
 
 /// How long after the last strand was in reach near strands follow 95 % as many guides as before the first was; the scene
 /// must go on long enough after its solids have left.
@@ -65,6 +67,19 @@ pub fn criteria() -> Vec<(String, RuntimeParams)> {
     out
 }
 
+/// Particles moved out one by one at the end of a step (Chai 2014).
+fn position() -> RuntimeParams {
+    let mut params = RuntimeParams::adaptive();
+    params.residual.correction = Correction::Position;
+    params
+}
+
+/// Guides by dynamic follow-the-leader (AS16 §7.2).
+fn follow_the_leader() -> RuntimeParams {
+    let guide_integrator = GuideIntegrator::FollowTheLeader(DftlParams::standard());
+    RuntimeParams { guide_integrator, ..RuntimeParams::adaptive() }
+}
+
 /// Ways to skin that errors are compared over.
 #[must_use]
 pub fn ways() -> Vec<(String, RuntimeParams)> {
@@ -74,6 +89,11 @@ pub fn ways() -> Vec<(String, RuntimeParams)> {
         named("no_two_way", RuntimeParams::no_two_way()),
         named("paper", RuntimeParams::paper()),
         named("fixed", RuntimeParams::fixed()),
+        named("tip_distance", RuntimeParams::tip_distance(TIPS_APART_CM)),
+        named("distance_weights", RuntimeParams::distance_weights(true)),
+        named("fixed_distance_weights", RuntimeParams::distance_weights(false)),
+        named("position", position()),
+        named("follow_the_leader", follow_the_leader()),
     ]
 }
 

@@ -1,7 +1,7 @@
 //! A model trained on recorded head motion serves on another recording: AS16 §6.2 with real motion.
 
 use collision::{MovingSolid, SolidPose};
-use hair_bench::full_space::settle;
+use hair_bench::full_space::{FullSpace, settle};
 use hair_bench::run::replayed_error;
 use hair_bench::training_motions::{TrainingMotion, training_motions};
 use hair_bench::world::World;
@@ -9,6 +9,7 @@ use hair_tests::shared_data;
 use io_formats::groom::UniformGroom;
 use io_formats::scene::{MotionUse, Scene};
 use io_formats::{FrameInfo, FrameSource, MemoryFrames};
+use nalgebra::{Isometry3, Vector3};
 use skinning_train::{TrainInputs, TrainParams, train};
 use std::path::Path;
 use strand_sim::StepParams;
@@ -79,4 +80,36 @@ fn a_model_of_recorded_motion_serves_on_another_recording() {
     assert_eq!(held_out.n_frames(), 30);
     let error = replayed_error(&model, &held_out, |_| ()).unwrap();
     assert!(error.all < LEFT_OVER * error.rigid, "{error:?}");
+}
+
+#[test]
+fn hair_taken_up_again_from_rest_moves_as_hair_made_anew_and_settles_alike_in_lots_of_any_threads() {
+    let text = "name = \"again\"\n[groom]\ngenerator = { style = \"straight\", strands = 150, length_cm = 20, seed = 3 }\n\
+        particles = 15\nguides = 10\n";
+    let world = World::build(Scene::from_toml(text, Path::new("")).unwrap(), |_| ()).unwrap();
+    let params = StepParams::standard();
+    let settled = || settle(&world.groom, &world.head, world.material, &params, |_| ()).unwrap();
+    let rest = settled();
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    assert_eq!(rest.points, one.install(settled).points);
+    let turned = |k: usize| Isometry3::rotation(Vector3::y() * 0.02 * k as f64);
+    let moved = |mut full: FullSpace| {
+        for k in 1..=10 {
+            let pose = SolidPose { from: turned(k - 1), to: turned(k) };
+            full.step(STEP_S, &turned(k), &[MovingSolid { solid: &world.head, pose }]);
+        }
+        let mut out = Vec::new();
+        full.positions(&mut out);
+        out
+    };
+    for rubbing in [false, true] {
+        let made = || {
+            let full = world.full_space(&rest, &params).unwrap();
+            if rubbing { full.rubbing() } else { full }
+        };
+        let kept = made();
+        let first = moved(kept.again());
+        assert_eq!(first, moved(kept.again()));
+        assert_eq!(first, moved(made()));
+    }
 }
