@@ -1,6 +1,8 @@
 //! A warm runtime asks for no memory: counted by an allocator that stands in for the system's, which is why this is a program of its
 //! own. Among solids that come and go, while guides are chosen anew and hairs push back.
 
+#![allow(unsafe_code, reason = "an allocator can only be stood in for by one")]
+
 use adaptive_runtime::{Runtime, RuntimeParams, StepInput};
 use collision::{Shape, Solid};
 use hair_tests::models::Row;
@@ -15,7 +17,6 @@ static COUNTS: AtomicBool = AtomicBool::new(false);
 static ASKED: AtomicU64 = AtomicU64::new(0);
 
 // Every call is handed on as it came, so the system allocator's promises are kept.
-#[expect(unsafe_code, reason = "an allocator can only be stood in for by one")]
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         note();
@@ -72,7 +73,8 @@ fn a_warm_step_and_read_ask_for_no_memory() {
         let mut round = |hair: &mut Runtime| {
             for k in 1..=ROUND {
                 let world_from_solids = poses(k);
-                let turned = Isometry3::rotation(Vector3::y() * 0.1 * (k as f64 / ROUND as f64 * 6.28).sin());
+                let angle = 0.1 * (std::f64::consts::TAU * k as f64 / ROUND as f64).sin();
+                let turned = Isometry3::rotation(Vector3::y() * angle);
                 let input = StepInput { dt: 0.01, world_from_head: turned, world_from_solids: &world_from_solids };
                 let report = hair.step(&input);
                 (pushed, changed) = (pushed + report.strands_in_contact, changed + report.set_changes);
