@@ -201,6 +201,15 @@ AhStatus ah_set_head_pose(struct AhHair *hair, const struct AhPose *pose);
 // Where a solid is at the end of the next step; it stays there until it is set again.
 AhStatus ah_set_solid_pose(struct AhHair *hair, uint32_t solid, const struct AhPose *pose);
 
+// Puts the head elsewhere at once, with all its hair as it is: for a head that jumps, which a step would have tear at its hair.
+AhStatus ah_put_head(struct AhHair *hair,
+                     const struct AhPose *pose);
+
+// Puts a solid elsewhere at once: for one that appears, leaves or jumps, which a step would sweep through all hair on its way.
+AhStatus ah_put_solid(struct AhHair *hair,
+                      uint32_t solid,
+                      const struct AhPose *pose);
+
 // Advances the hair by `dt_s` seconds (0.01 is what it is made for) to the poses set. `report` may be null.
 AhStatus ah_step(struct AhHair *hair, double dt_s, struct AhReport *report);
 

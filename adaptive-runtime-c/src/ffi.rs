@@ -203,6 +203,26 @@ pub unsafe extern "C" fn ah_set_solid_pose(hair: *mut AhHair, solid: u32, pose: 
     })
 }
 
+/// Puts the head elsewhere at once, with all its hair as it is: for a head that jumps, which a step would have tear at its hair.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ah_put_head(hair: *mut AhHair, pose: *const AhPose) -> AhStatus {
+    guarded(|| {
+        // SAFETY: the host's word: hair that no other call uses, and a pose.
+        let (hair, pose) = unsafe { (exclusive(hair, "hair")?, shared(pose, "pose")?) };
+        hair.put_head(pose)
+    })
+}
+
+/// Puts a solid elsewhere at once: for one that appears, leaves or jumps, which a step would sweep through all hair on its way.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ah_put_solid(hair: *mut AhHair, solid: u32, pose: *const AhPose) -> AhStatus {
+    guarded(|| {
+        // SAFETY: the host's word: hair that no other call uses, and a pose.
+        let (hair, pose) = unsafe { (exclusive(hair, "hair")?, shared(pose, "pose")?) };
+        hair.put_solid(solid, pose)
+    })
+}
+
 /// Advances the hair by `dt_s` seconds (0.01 is what it is made for) to the poses set. `report` may be null.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ah_step(hair: *mut AhHair, dt_s: f64, report: *mut AhReport) -> AhStatus {

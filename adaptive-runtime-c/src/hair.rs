@@ -63,6 +63,17 @@ impl AhHair {
         Ok(())
     }
 
+    pub(crate) fn put_head(&mut self, pose: &AhPose) -> Result<(), Error> {
+        self.set_head_pose(pose)?;
+        self.change(|runtime, world_from_head, _| runtime.put_head(&world_from_head))
+    }
+
+    pub(crate) fn put_solid(&mut self, solid: u32, pose: &AhPose) -> Result<(), Error> {
+        self.set_solid_pose(solid, pose)?;
+        let solid = solid as usize;
+        self.change(|runtime, _, world_from_solids| runtime.put_solid(solid, &world_from_solids[solid]))
+    }
+
     pub(crate) fn step(&mut self, dt_s: f64) -> Result<AhReport, Error> {
         if !(dt_s.is_finite() && dt_s > 0.0) {
             return Err(Error::Value { what: "dt_s", value: dt_s, expected: "finite and greater than zero" });

@@ -257,6 +257,18 @@ impl Runtime {
         self.strands.forget_touches();
     }
 
+    /// Puts a solid elsewhere, at rest: for one that appears, leaves or jumps, which a step would sweep through all hair on its way. Hair it
+    /// then stands in leaves it at no more than [`strand_sim::ContactParams::max_push_speed`].
+    ///
+    /// # Panics
+    /// If there is no such solid; they are numbered in the order the runtime was built with.
+    pub fn put_solid(&mut self, solid: usize, world_from_solid: &Isometry3<f64>) {
+        self.world_from_solids[solid] = *world_from_solid;
+        // Guides keep how far solids are for as long as either's motion allows.
+        self.guides.carry_to(&Isometry3::identity(), &Isometry3::identity());
+        self.strands.forget_touches();
+    }
+
     /// Sets all guides in the head frame and reads every strand as its present set skins it, without dynamics or
     /// contact: to replay recorded guides. `guides_in_head` is ordered as [`Runtime::guides_in_head`].
     ///

@@ -372,3 +372,42 @@ fn a_missing_pose_is_an_error() {
     let built = Runtime::new(Row::parted().model(), RuntimeParams::adaptive(), still(), None, vec![ball(1.0)], &[]);
     assert!(matches!(built.map(|_| ()), Err(Error::SolidCount { given: 0, expected: 1 })));
 }
+
+#[test]
+fn a_solid_put_elsewhere_sweeps_nothing_on_its_way_and_hair_leaves_it_at_bounded_speed() {
+    /// What a solid that swept the hair between would move it by, cm: many times this.
+    const UNMOVED_CM: f64 = 0.01;
+    let row = Row::parted();
+    let solids = vec![ball(0.8)];
+    let params = weightless(RuntimeParams::adaptive());
+    let push = params.guides.contact.max_push_speed * DT;
+    let (left, right) = ([at(-6.0, -10.0, 0.2)], [at(6.0, -10.0, 0.2)]);
+    let mut hair = runtime(row.model(), params, solids, &left);
+    for _ in 0..3 {
+        step(&mut hair, &left);
+    }
+    let before = hair.positions().to_vec();
+    hair.put_solid(0, &right[0]);
+    step(&mut hair, &right);
+    let moved = |a: &[[f32; 3]], b: &[[f32; 3]]| {
+        a.iter().zip(b).map(|(a, &b)| distance(*a, Vector3::from(b).cast())).fold(0.0, f64::max)
+    };
+    assert!(moved(&before, hair.positions()) < UNMOVED_CM);
+    // Into the middle of the hair: what stands in it comes out by and by, and does come out.
+    let middle = [at(1.5, -10.0, 0.3)];
+    hair.put_solid(0, &middle[0]);
+    let mut last = hair.positions().to_vec();
+    let deepest = |hair: &Runtime| {
+        let points = hair.positions().iter().map(|&p| distance(p, middle[0].translation.vector));
+        points.fold(f64::INFINITY, f64::min) - 0.8
+    };
+    assert!(deepest(&hair) < -0.5, "the ball was to stand in hair");
+    for _ in 0..60 {
+        step(&mut hair, &middle);
+        // Pushes at one place move what is beside it by up to two and a half times as much.
+        let now = moved(&last, hair.positions());
+        assert!(now < 2.5 * push + UNMOVED_CM, "{now} cm in a step, pushes are at most {push} each");
+        last.copy_from_slice(hair.positions());
+    }
+    assert!(deepest(&hair) > -0.1, "{} cm deep still", -deepest(&hair));
+}
