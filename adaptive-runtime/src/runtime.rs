@@ -48,6 +48,8 @@ pub struct Runtime {
     pub(crate) responses: Vec<Response>,
     pub(crate) response_dt: f64,
     pub(crate) spacing_cm: f64,
+    /// Mass of a particle of each strand, g.
+    pub(crate) particle_masses: Vec<f32>,
     pub(crate) positions: Vec<[f32; 3]>,
     pub(crate) previous: Vec<[f32; 3]>,
     pub(crate) two_way: TwoWay,
@@ -150,6 +152,7 @@ impl Runtime {
             responses: Vec::new(),
             response_dt: f64::NAN,
             spacing_cm: mean_spacing_cm(&model),
+            particle_masses: (0..n_strands).map(|s| particle_mass(&model, &material, s) as f32).collect(),
             previous: positions.clone(),
             positions,
             two_way,
@@ -300,4 +303,11 @@ fn mean_spacing_cm(model: &SkinningModel) -> f64 {
         }
     }
     sum / count.max(1) as f64
+}
+
+/// Mass of one particle of a strand, g.
+fn particle_mass(model: &SkinningModel, material: &Material, strand: usize) -> f64 {
+    let rest = model.rest_of(strand);
+    let length: f32 = rest.windows(2).map(|w| (Vector3::from(w[1]) - Vector3::from(w[0])).norm()).sum();
+    material.linear_density_g_per_cm * f64::from(length) / (rest.len() - 1) as f64
 }

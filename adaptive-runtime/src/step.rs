@@ -12,11 +12,9 @@ use crate::timings::{StageTimings, timed};
 use crate::two_way::{ContactPoint, Round};
 use arrayvec::ArrayVec;
 use collision::{MovingDeformingSolid, MovingSolid, SolidPose};
-use io_formats::skinning_model::SkinningModel;
 use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
 use std::cell::RefCell;
-use strand_sim::Material;
 
 /// Groups of strands that one worker's part holds.
 const GROUPS_PER_PART: usize = 16;
@@ -286,12 +284,12 @@ impl Runtime {
             return 0;
         }
         self.contact_points.clear();
-        let (model, material) = (&self.model, &self.material);
+        let masses = &self.particle_masses;
         let turn = self.world_from_head.rotation;
         for worker in &self.workers {
             for hold in &worker.holds {
                 let stiffness = self.params.two_way.stiffness_over_inertia
-                    * particle_mass(model, material, hold.strand as usize)
+                    * f64::from(masses[hold.strand as usize])
                     / (dt * dt);
                 let force = turn * (Vector3::from(hold.held).cast::<f64>() * stiffness);
                 let &Hold { strand, segment, s, .. } = hold;
@@ -299,16 +297,9 @@ impl Runtime {
             }
         }
         self.contact_points.sort_unstable_by_key(|point| (point.strand, point.segment, point.s.to_bits()));
-        let mass = |guide: usize| particle_mass(model, material, model.guide_strands[guide] as usize);
+        let mass = |guide: usize| f64::from(masses[self.model.guide_strands[guide] as usize]);
         let active = &self.strands.active;
         let set_of = |s: usize| &active[s];
         self.two_way.update(Round::First, active.len(), set_of, &self.contact_points, mass, &self.params.two_way)
     }
-}
-
-/// Mass of one particle of a strand, g.
-fn particle_mass(model: &SkinningModel, material: &Material, strand: usize) -> f64 {
-    let rest = model.rest_of(strand);
-    let length: f32 = rest.windows(2).map(|w| (Vector3::from(w[1]) - Vector3::from(w[0])).norm()).sum();
-    material.linear_density_g_per_cm * f64::from(length) / (rest.len() - 1) as f64
 }
