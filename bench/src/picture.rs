@@ -6,36 +6,11 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-mod image;
 mod raster;
 
-pub use image::{Image, contact_sheet};
+pub use hair_viewer::{Camera, Image, contact_sheet};
 
 use raster::{Canvas, Projection, Shadow};
-
-/// A perspective camera.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Camera {
-    /// Where it stands, cm.
-    pub eye: [f32; 3],
-    /// What it looks at, cm.
-    pub target: [f32; 3],
-    /// Vertical field of view, radian.
-    pub vertical_fov: f32,
-    /// Width of the picture, pixels.
-    pub width: usize,
-    /// Height of the picture, pixels.
-    pub height: usize,
-}
-
-impl Camera {
-    /// A camera `distance` cm from `target`, `turn` radian about y from the front (+z) towards +x, slightly raised.
-    pub fn around(target: [f32; 3], distance: f32, turn: f32, width: usize, height: usize) -> Self {
-        let (sin, cos) = turn.sin_cos();
-        let eye = [target[0] + distance * sin, target[1] + 0.12 * distance, target[2] + distance * cos];
-        Self { eye, target, vertical_fov: 0.45, width, height }
-    }
-}
 
 /// Strands of one look.
 #[derive(Debug, Clone, Copy)]
