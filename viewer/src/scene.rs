@@ -6,7 +6,7 @@ use crate::error::Error;
 use nalgebra::{Isometry3, Vector3};
 
 /// Brown hair.
-pub const BROWN: [f32; 3] = [0.115, 0.056, 0.026];
+pub const BROWN: [f32; 3] = [0.115, 0.050, 0.021];
 /// Blonde hair.
 pub const BLONDE: [f32; 3] = [0.52, 0.33, 0.15];
 /// Skin, for heads.
@@ -200,11 +200,11 @@ mod tests {
         assert!(says(refused(&|s| s.camera.vertical_fov = f32::NAN), "field of view"));
         assert!(says(refused(&|s| s.camera.eye[1] = f32::INFINITY), "finite"));
         assert!(says(refused(&|s| s.supersampling = 9), "1 to 4"));
-        let points = [[0.0; 3]; 5];
-        assert!(says(refused(&|s| s.strands.push(Strands::new(&points, 2, ColourBy::Hair(BROWN)))), "5 entries"));
-        assert!(says(refused(&|s| s.strands.push(Strands::new(&points, 1, ColourBy::Hair(BROWN)))), "at least 2"));
+        static POINTS: [[f32; 3]; 5] = [[0.0; 3]; 5];
+        assert!(says(refused(&|s| s.strands.push(Strands::new(&POINTS, 2, ColourBy::Hair(BROWN)))), "5 entries"));
+        assert!(says(refused(&|s| s.strands.push(Strands::new(&POINTS, 1, ColourBy::Hair(BROWN)))), "at least 2"));
         let world_from_solid = Isometry3::identity();
-        let solid = SolidMesh { vertices: &points, triangles: &[[0, 1, 7]], world_from_solid, colour: SKIN };
+        let solid = SolidMesh { vertices: &POINTS, triangles: &[[0, 1, 7]], world_from_solid, colour: SKIN };
         assert!(says(refused(&|s| s.solids.push(solid)), "vertex 7"));
     }
 

@@ -2,21 +2,23 @@
 
 use super::Renderer;
 use super::lights::{Extents, MAP_SIZE, N_LIGHTS};
-use super::pipelines::{COLOUR, DEPTH, OPACITY, PICTURE, SAMPLES};
+use super::pipelines::{COLOUR, DEPTH, OPACITY, PICTURE, RIBBON_CORNER, SAMPLES};
 use crate::error::Error;
 use crate::image::Image;
 use crate::scene::{Curve, Scene, Strands};
 use nalgebra::Vector3;
 use wgpu::{BindingResource, BufferUsages, TextureFormat, TextureUsages};
 
-/// Points of curves held at a time: 32 MiB, and no more workgroups than every driver takes in one row.
-const MAX_POINTS: usize = 2 << 20;
+/// Points of curves held at a time: 40 MiB of corners, and no more workgroups than every driver takes in one row.
+const MAX_POINTS: usize = 1 << 20;
 /// Invocations of a workgroup, as in `hair.wgsl`.
 const GROUP: u32 = 64;
 /// Lines drawn into each map of light; of more strands every second, third, ... stands for its neighbours.
-const MAX_SHADOW_LINES: usize = 50_000;
-/// Length of a piece of a curve on the screen, drawn pixels.
-const PIECE_PIXELS: f32 = 12.0;
+const MAX_SHADOW_LINES: usize = 12_000;
+/// Distance allowed between a curve and the pieces drawn for it, drawn pixels.
+const SAG_PIXELS: f32 = 0.35;
+/// Longest piece, drawn pixels: colours are interpolated along it.
+const PIECE_PIXELS: f32 = 40.0;
 /// Most pieces of a segment.
 const MAX_PIECES: f32 = 8.0;
 
@@ -27,6 +29,7 @@ const NOWHERE: [f32; 3] = [3e6; 3];
 struct Hair {
     positions: wgpu::Buffer,
     colours: wgpu::Buffer,
+    order: wgpu::Buffer,
     n_particles: u32,
     n_strands: u32,
     pieces: u32,
@@ -138,6 +141,7 @@ fn upload(renderer: &Renderer, scene: &Scene, strands: &Strands, extents: &Exten
         // A buffer holds something, even for no strands.
         positions: buffer(renderer, at_least(bytemuck::cast_slice(&positions)), BufferUsages::STORAGE),
         colours: buffer(renderer, at_least(bytemuck::cast_slice(&packed)), BufferUsages::STORAGE),
+        order: buffer(renderer, at_least(bytemuck::cast_slice(&nearest_first(strands, scene))), BufferUsages::STORAGE),
         n_particles: n as u32,
         n_strands: n_strands as u32,
         pieces: pieces(scene, strands),
@@ -150,6 +154,17 @@ fn upload(renderer: &Renderer, scene: &Scene, strands: &Strands, extents: &Exten
     })
 }
 
+/// Strands by the distance of their middles from the eye: what hides others is drawn before them.
+fn nearest_first(strands: &Strands, scene: &Scene) -> Vec<u32> {
+    let eye = Vector3::from(scene.camera.eye);
+    let n = strands.n_particles;
+    let mut order: Vec<(f32, u32)> = (0..strands.n_strands())
+        .map(|s| ((Vector3::from(strands.positions[s * n + n / 2]) - eye).norm_squared(), s as u32))
+        .collect();
+    order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    order.into_iter().map(|(_, s)| s).collect()
+}
+
 fn at_least(bytes: &[u8]) -> &[u8] {
     if bytes.is_empty() { &[0; 16] } else { bytes }
 }
@@ -160,25 +175,27 @@ fn packed(colour: &[f32; 3]) -> u32 {
     q[0] | q[1] << 10 | q[2] << 20
 }
 
-/// Pieces of a segment of a curve: enough for none to be long on the screen.
+/// Pieces of a segment of a curve, enough for nineteen segments in twenty: none long on the screen, none off the curve.
 fn pieces(scene: &Scene, strands: &Strands) -> u32 {
     let eye = Vector3::from(scene.camera.eye);
     let pixel = scene.camera.pixel_at_one() / scene.supersampling as f32;
-    // A few hundred segments tell the typical length on the screen.
+    // Some hundred strands tell for all.
     let step = (strands.n_strands() / 256).max(1);
-    let mut lengths: Vec<f32> = strands
-        .positions
-        .chunks_exact(strands.n_particles)
-        .step_by(step)
-        .map(|s| {
-            let (root, next) = (Vector3::from(s[s.len() / 2 - 1]), Vector3::from(s[s.len() / 2]));
-            (next - root).norm() / (pixel * (root - eye).norm()).max(1e-9)
-        })
-        .filter(|x| x.is_finite())
-        .collect();
-    lengths.sort_by(f32::total_cmp);
-    let typical = lengths.get(lengths.len() * 3 / 4).copied().unwrap_or(1.0);
-    (typical / PIECE_PIXELS).ceil().clamp(2.0, MAX_PIECES) as u32
+    let mut needed = Vec::new();
+    for strand in strands.positions.chunks_exact(strands.n_particles).step_by(step) {
+        for three in strand.windows(3) {
+            let [a, b, c] = [0, 1, 2].map(|k| Vector3::from(three[k]));
+            let (into, out) = (b - a, c - b);
+            let length = into.norm().max(out.norm()) / (pixel * (b - eye).norm()).max(1e-9);
+            // A chord of an arc of `bend` radian is off it by an eighth of bend times length; both shrink with the pieces.
+            let sag = (into.angle(&out) * length / (8.0 * SAG_PIXELS)).sqrt();
+            needed.push(sag.max(length / PIECE_PIXELS));
+        }
+    }
+    needed.retain(|x| x.is_finite());
+    needed.sort_by(f32::total_cmp);
+    let most = needed.get(needed.len() * 19 / 20).copied().unwrap_or(1.0);
+    most.ceil().clamp(1.0, MAX_PIECES) as u32
 }
 
 impl Hair {
@@ -235,7 +252,7 @@ impl Frame<'_> {
                             (2, uniform.as_entire_binding()),
                             (3, h.positions.as_entire_binding()),
                         ];
-                        parts.extend(first.map(|view| (8, BindingResource::TextureView(view))));
+                        parts.extend(first.map(|view| (7, BindingResource::TextureView(view))));
                         pass.set_bind_group(0, &self.group(stage.get_bind_group_layout(0), &parts), &[]);
                         pass.draw(0..h.n_particles, 0..h.n_strands.div_ceil(h.stride));
                     }
@@ -257,7 +274,7 @@ impl Frame<'_> {
         let Some((vertices, n)) = &self.solids else { return };
         let maps = self.maps.views();
         let mut parts = vec![(0, self.uniform.as_entire_binding())];
-        parts.extend(maps.iter().enumerate().map(|(k, view)| (7 + k as u32, BindingResource::TextureView(view))));
+        parts.extend(maps.iter().enumerate().map(|(k, view)| (6 + k as u32, BindingResource::TextureView(view))));
         pass.set_pipeline(stage);
         pass.set_bind_group(0, &self.group(stage.get_bind_group_layout(0), &parts), &[]);
         pass.set_vertex_buffer(0, vertices.slice(..));
@@ -274,10 +291,11 @@ impl Frame<'_> {
         let stages = &self.renderer.pipelines;
         let n_points = hair.n_points();
         let batch = (MAX_POINTS as u32 / n_points).max(1);
-        let points = self.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("points"),
-            size: 16 * u64::from(n_points) * u64::from(batch.min(hair.n_strands).max(1)),
-            usage: BufferUsages::STORAGE,
+        let corners_per_strand = 2 * n_points + 2;
+        let corners = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("corners"),
+            size: RIBBON_CORNER * u64::from(corners_per_strand) * u64::from(batch.min(hair.n_strands).max(1)),
+            usage: BufferUsages::STORAGE | BufferUsages::VERTEX,
             mapped_at_creation: false,
         });
         let maps = self.maps.views();
@@ -289,24 +307,20 @@ impl Frame<'_> {
                 (2, uniform.as_entire_binding()),
                 (3, hair.positions.as_entire_binding()),
                 (4, hair.colours.as_entire_binding()),
-                (5, points.as_entire_binding()),
+                (5, corners.as_entire_binding()),
+                (10, hair.order.as_entire_binding()),
             ];
-            parts.extend(maps.iter().enumerate().map(|(k, view)| (7 + k as u32, BindingResource::TextureView(view))));
+            parts.extend(maps.iter().enumerate().map(|(k, view)| (6 + k as u32, BindingResource::TextureView(view))));
             {
                 let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
                 pass.set_pipeline(&stages.curves);
                 pass.set_bind_group(0, &self.group(stages.curves.get_bind_group_layout(0), &parts), &[]);
                 pass.dispatch_workgroups((count * n_points).div_ceil(GROUP), 1, 1);
             }
-            let parts = [
-                (0, self.uniform.as_entire_binding()),
-                (2, uniform.as_entire_binding()),
-                (6, points.as_entire_binding()),
-            ];
             let mut pass = begin(encoder, Some((colour, false)), Some((depth, false)));
             pass.set_pipeline(&stages.ribbons);
-            pass.set_bind_group(0, &self.group(stages.ribbons.get_bind_group_layout(0), &parts), &[]);
-            pass.draw(0..2 * n_points, 0..count);
+            pass.set_vertex_buffer(0, corners.slice(..));
+            pass.draw(0..count * corners_per_strand, 0..1);
         }
     }
 
@@ -314,7 +328,7 @@ impl Frame<'_> {
         let stage = &self.renderer.pipelines.finish;
         let view = target.create_view(&wgpu::TextureViewDescriptor::default());
         let mut pass = begin(encoder, Some((&view, true)), None);
-        let parts = [(0, self.uniform.as_entire_binding()), (10, BindingResource::TextureView(colour))];
+        let parts = [(0, self.uniform.as_entire_binding()), (9, BindingResource::TextureView(colour))];
         pass.set_pipeline(stage);
         pass.set_bind_group(0, &self.group(stage.get_bind_group_layout(0), &parts), &[]);
         pass.draw(0..3, 0..1);

@@ -14,11 +14,11 @@ pub(super) const N_LIGHTS: u32 = 3;
 const LIGHTS: [([f32; 3], [f32; 3]); N_LIGHTS as usize] = [
     ([-0.55, 0.75, 0.80], [3.0, 2.85, 2.6]),
     ([0.9, 0.15, 0.55], [0.55, 0.62, 0.75]),
-    ([0.35, 0.75, -0.8], [1.7, 1.7, 1.8]),
+    ([0.35, 0.75, -0.8], [1.2, 1.2, 1.3]),
 ];
 
 /// Far ends of the layers of opacity behind the first hair, cm: thin where light still comes through.
-const LAYERS: [f32; 4] = [0.25, 0.8, 2.2, 7.0];
+const LAYERS: [f32; 4] = [0.2, 0.7, 2.0, 6.0];
 
 /// Extent of all that is drawn along the axes of each light and of the camera.
 pub(super) struct Extents {
@@ -62,7 +62,7 @@ impl Extents {
     /// Optical depth that a line of hair of this width adds to a texel of the coarsest map, each standing for `stride`.
     pub fn line_opacity(&self, width_cm: f32, stride: u32) -> f32 {
         // Fibres let most of what they take through or around; this is what keeps a head of hair from turning black.
-        const TAKEN: f32 = 0.22;
+        const TAKEN: f32 = 0.45;
         let texels = (0..N_LIGHTS as usize).map(|k| self.texels_per_cm(k)).fold(f32::INFINITY, f32::min);
         TAKEN * width_cm * texels * stride as f32
     }

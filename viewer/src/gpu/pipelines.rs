@@ -15,8 +15,10 @@ pub(super) const OPACITY: TextureFormat = TextureFormat::Rgba16Float;
 pub(super) const PICTURE: TextureFormat = TextureFormat::Rgba8Unorm;
 /// Samples of a drawn pixel.
 pub(super) const SAMPLES: u32 = 4;
-/// Bytes of a vertex of a solid: position, normal, colour.
-pub(super) const VERTEX: u64 = 36;
+/// Bytes of a corner of a solid's triangle: position, normal, colour.
+const SOLID_CORNER: u64 = 36;
+/// Bytes of a corner of a ribbon: place on the screen, colour.
+pub(super) const RIBBON_CORNER: u64 = 20;
 
 pub(super) struct Pipelines {
     pub solid_in_map: wgpu::RenderPipeline,
@@ -31,7 +33,7 @@ pub(super) struct Pipelines {
 /// One stage that draws.
 struct Stage<'a> {
     vertex: &'a str,
-    vertex_buffer: Option<&'a [wgpu::VertexAttribute]>,
+    vertex_buffer: Option<(u64, &'a [wgpu::VertexAttribute])>,
     topology: PrimitiveTopology,
     fragment: Option<(&'a str, TextureFormat)>,
     adds: bool,
@@ -56,7 +58,7 @@ impl Pipelines {
         let surface = wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Float32x3];
         let map = Stage {
             vertex: "solid_in_map",
-            vertex_buffer: Some(&position),
+            vertex_buffer: Some((SOLID_CORNER, &position)),
             topology: PrimitiveTopology::TriangleList,
             fragment: None,
             adds: false,
@@ -67,14 +69,15 @@ impl Pipelines {
         let opacity = Stage { fragment: Some(("add_opacity", OPACITY)), adds: true, has_depth: false, ..lines };
         let solids = Stage {
             vertex: "solid",
-            vertex_buffer: Some(&surface),
+            vertex_buffer: Some((SOLID_CORNER, &surface)),
             fragment: Some(("solid_colour", COLOUR)),
             samples: SAMPLES,
             ..map
         };
+        let corner = wgpu::vertex_attr_array![0 => Float32x4, 1 => Unorm10_10_10_2];
         let ribbons = Stage {
             vertex: "ribbon",
-            vertex_buffer: None,
+            vertex_buffer: Some((RIBBON_CORNER, &corner)),
             topology: PrimitiveTopology::TriangleStrip,
             fragment: Some(("ribbon_colour", COLOUR)),
             ..solids
@@ -113,12 +116,8 @@ impl Stage<'_> {
             dst_factor: wgpu::BlendFactor::One,
             operation: wgpu::BlendOperation::Add,
         };
-        let buffers = self.vertex_buffer.map(|attributes| {
-            [Some(wgpu::VertexBufferLayout {
-                array_stride: VERTEX,
-                step_mode: wgpu::VertexStepMode::Vertex,
-                attributes,
-            })]
+        let buffers = self.vertex_buffer.map(|(array_stride, attributes)| {
+            [Some(wgpu::VertexBufferLayout { array_stride, step_mode: wgpu::VertexStepMode::Vertex, attributes })]
         });
         let targets = self.fragment.map(|(_, format)| {
             [Some(wgpu::ColorTargetState {

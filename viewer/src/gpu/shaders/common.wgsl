@@ -45,12 +45,14 @@ struct Hair {
 @group(0) @binding(2) var<uniform> hair: Hair;
 @group(0) @binding(3) var<storage, read> positions: array<f32>;
 @group(0) @binding(4) var<storage, read> colours: array<u32>;
-@group(0) @binding(5) var<storage, read_write> points_out: array<vec4<u32>>;
-@group(0) @binding(6) var<storage, read> points_in: array<vec4<u32>>;
-@group(0) @binding(7) var solid_depth: texture_depth_2d_array;
-@group(0) @binding(8) var hair_depth: texture_depth_2d_array;
-@group(0) @binding(9) var hair_opacity: texture_2d_array<f32>;
-@group(0) @binding(10) var samples: texture_multisampled_2d<f32>;
+// Corners of ribbons, five words each: place on the screen, colour.
+@group(0) @binding(5) var<storage, read_write> corners: array<u32>;
+// Strands in the order of drawing, nearest first.
+@group(0) @binding(10) var<storage, read> order: array<u32>;
+@group(0) @binding(6) var solid_depth: texture_depth_2d_array;
+@group(0) @binding(7) var hair_depth: texture_depth_2d_array;
+@group(0) @binding(8) var hair_opacity: texture_2d_array<f32>;
+@group(0) @binding(9) var samples: texture_multisampled_2d<f32>;
 
 const MAP_SIZE: f32 = 1024.0;
 

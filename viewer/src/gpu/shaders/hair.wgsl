@@ -41,7 +41,7 @@ fn fibre(t: vec3<f32>, l: vec3<f32>, v: vec3<f32>, base: vec3<f32>, tilt: f32) -
     let facing = 1.0 - cos_d * sqrt(0.5 + 0.5 * cos_phi);
     let mirror = 0.0465 + 0.9535 * pow(facing, 5.0);
     // Scales of the cuticle tilt the lobes towards the root by -2, 1 and 3 halves of 3 degrees.
-    let r = bell(half_sum + 2.0 * tilt, 0.11) * mirror * 0.25 * cos(0.5 * phi);
+    let r = bell(half_sum + 2.0 * tilt, 0.11) * mirror * 0.17 * cos(0.5 * phi);
     let passed = (1.0 - mirror) * (1.0 - mirror);
     let tt = bell(half_sum - tilt, 0.08) * passed * bell(PI - phi, 0.45) * 0.5;
     let trt = bell(half_sum - 3.0 * tilt, 0.20) * passed * mirror * (0.35 + 1.6 * bell(phi, 0.55));
@@ -62,7 +62,7 @@ fn shaded(p: vec3<f32>, t: vec3<f32>, base_in: vec3<f32>, along: f32, strand: u3
         return base_in * (0.35 + 0.65 * across * pow(lit.x, 0.35) * (0.3 + 0.7 * lit.y));
     }
     // Strands differ a little, roots are darker and tips bleached.
-    let tint = 0.75 + 0.5 * share_of(strand * 3u + 1u);
+    let tint = 0.65 + 0.7 * share_of(strand * 3u + 1u);
     let tilt = 0.052 + 0.03 * (share_of(strand * 3u + 2u) - 0.5);
     let base = clamp(base_in * tint * (0.8 + 0.45 * smoothstep(0.1, 1.0, along)), vec3<f32>(1e-3), vec3<f32>(0.95));
     var sum = vec3<f32>(0.0);
@@ -71,15 +71,15 @@ fn shaded(p: vec3<f32>, t: vec3<f32>, base_in: vec3<f32>, along: f32, strand: u3
         let l = frame.lights[k].toward.xyz;
         let lit = light_at(k, p, 0.0, 0.3);
         let light = frame.lights[k].colour.rgb * lit.y;
-        sum += light * lit.x * fibre(t, l, v, base, tilt);
+        sum += 2.2 * light * lit.x * fibre(t, l, v, base, tilt);
         // Light scattered by other fibres: reaches deeper, takes their colour, remembers no direction but the fibre's.
-        let deep = pow(lit.x, 0.3);
+        let deep = pow(lit.x, 0.4);
         let across = sqrt(max(1.0 - dot(t, l) * dot(t, l), 0.0));
         let hue = pow(base / max(max(base.r, base.g), base.b), vec3<f32>(1.0 - deep));
-        sum += light * deep * base * hue * (0.12 + 0.28 * across) * (0.6 + 0.4 * dot(l, v));
+        sum += light * deep * base * hue * (0.06 + 0.30 * across) * (0.65 + 0.35 * dot(l, v));
         open += pow(lit.x, 0.25) * (0.5 + 0.5 * lit.y) / 3.0;
     }
-    return sum + base * (0.05 + 0.3 * open) * vec3<f32>(0.9, 0.95, 1.0);
+    return sum + base * (0.03 + 0.22 * open) * vec3<f32>(0.9, 0.95, 1.0);
 }
 
 // A colour up to 4 in three times ten bits, finest near black.
@@ -93,11 +93,37 @@ fn unpacked(word: u32) -> vec3<f32> {
     return 4.0 * q * q;
 }
 
+fn write_corner(n: u32, clip: vec4<f32>, colour: u32) {
+    let word = bitcast<vec4<u32>>(clip);
+    corners[5u * n] = word.x;
+    corners[5u * n + 1u] = word.y;
+    corners[5u * n + 2u] = word.z;
+    corners[5u * n + 3u] = word.w;
+    corners[5u * n + 4u] = colour;
+}
+
+// Both corners of a ribbon at point `k`. All strands are one strip: the first and last corner of each stand twice, which
+// joins it to its neighbours by triangles without area.
+fn write_ribbon(strand: u32, k: u32, p: vec3<f32>, t: vec3<f32>, colour: u32) {
+    let last = hair.n_points - 1u;
+    let side = cross(t, frame.eye.xyz - p);
+    let outward = side / max(length(side), 1e-9);
+    // The last third tapers to a third of the width.
+    let width = hair.width * (1.0 - 0.67 * smoothstep(0.67, 1.0, f32(k) / f32(last)));
+    let middle = frame.clip_from_world * vec4<f32>(p, 1.0);
+    let half = frame.clip_from_world * vec4<f32>(0.5 * width * outward, 0.0);
+    let at = strand * (2u * hair.n_points + 2u) + 1u + 2u * k;
+    write_corner(at, middle - half, colour);
+    write_corner(at + 1u, middle + half, colour);
+    if k == 0u { write_corner(at - 1u, middle - half, colour); }
+    if k == last { write_corner(at + 2u, middle + half, colour); }
+}
+
 @compute @workgroup_size(64)
 fn curves(@builtin(global_invocation_id) id: vec3<u32>) {
     let n = id.x;
     if n >= hair.n_strands * hair.n_points { return; }
-    let strand = hair.first_strand + n / hair.n_points;
+    let strand = order[hair.first_strand + n / hair.n_points];
     let k = n % hair.n_points;
     let last = hair.n_particles - 1u;
     let i = min(k / hair.pieces, last - 1u);
@@ -120,54 +146,20 @@ fn curves(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     var colour = base;
     if frame.info.x == 0.0 { colour = shaded(p, t, base, (f32(i) + u) / f32(last), strand); }
-    points_out[n] = vec4<u32>(bitcast<vec3<u32>>(p), packed(colour));
+    write_ribbon(n / hair.n_points, k, p, t, packed(colour));
 }
 
 struct Ribbon {
     @builtin(position) clip: vec4<f32>,
     @location(0) colour: vec3<f32>,
-    // Share of the ribbon that is hair.
-    @location(1) cover: f32,
-    @location(2) @interpolate(flat) strand: u32,
 }
 
 @vertex
-fn ribbon(@builtin(vertex_index) vertex: u32, @builtin(instance_index) strand: u32) -> Ribbon {
-    let k = vertex / 2u;
-    let first = strand * hair.n_points;
-    let word = points_in[first + k];
-    let here = bitcast<vec3<f32>>(word.xyz);
-    let before = bitcast<vec3<f32>>(points_in[first + max(k, 1u) - 1u].xyz);
-    let after = bitcast<vec3<f32>>(points_in[first + min(k + 1u, hair.n_points - 1u)].xyz);
-    let side = cross(after - before, frame.eye.xyz - here);
-    let outward = side / max(length(side), 1e-9);
-    let along = f32(k) / f32(hair.n_points - 1u);
-    // The last third tapers to a point of a third of the width.
-    let width = hair.width * (1.0 - 0.67 * smoothstep(0.67, 1.0, along));
-    let pixel = frame.eye.w * (frame.clip_from_world * vec4<f32>(here, 1.0)).w;
-    let drawn = max(width, pixel);
-    let aside = select(-0.5, 0.5, (vertex & 1u) == 1u);
-    var out: Ribbon;
-    out.clip = frame.clip_from_world * vec4<f32>(here + outward * drawn * aside, 1.0);
-    out.colour = unpacked(word.w);
-    out.cover = width / max(drawn, 1e-9);
-    out.strand = hair.first_strand + strand;
-    return out;
-}
-
-struct Covered {
-    @location(0) colour: vec4<f32>,
-    @builtin(sample_mask) mask: u32,
+fn ribbon(@location(0) clip: vec4<f32>, @location(1) colour: vec4<f32>) -> Ribbon {
+    return Ribbon(clip, 4.0 * colour.rgb * colour.rgb);
 }
 
 @fragment
-fn ribbon_colour(in: Ribbon) -> Covered {
-    // As many of the four samples as hair covers, rounded by chance, beginning with one by chance: strands behind each
-    // other then cover different samples, and on average what lies behind shows as much as it should.
-    let pixel = vec2<u32>(in.clip.xy);
-    let chance = mixed(in.strand ^ mixed(pixel.x + 65536u * pixel.y));
-    let count = u32(clamp(4.0 * in.cover + f32(chance >> 8u) / 16777216.0, 0.0, 4.0));
-    let run = (1u << count) - 1u;
-    let turn = chance & 3u;
-    return Covered(vec4<f32>(in.colour, 1.0), ((run << turn) | (run >> (4u - turn))) & 15u);
+fn ribbon_colour(in: Ribbon) -> @location(0) vec4<f32> {
+    return vec4<f32>(in.colour, 1.0);
 }
