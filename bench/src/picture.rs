@@ -4,7 +4,7 @@
 //! map from the light darkens what lies behind other hair or a solid, softly, which is what makes hair read as a volume.
 //! Everything is drawn at a multiple of the picture's size and averaged down. The same inputs give the same picture.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 mod raster;
 
@@ -237,14 +237,6 @@ fn all_points<'a>(picture: &'a Picture) -> impl Iterator<Item = Vector3<f32>> + 
 /// `v` at unit length, or zero where it has no direction.
 fn unit(v: Vector3<f32>) -> Vector3<f32> {
     v.try_normalize(1e-12).unwrap_or_default()
-}
-
-/// Right, up and backward unit vectors of a viewer who looks along `forward`, as rows.
-fn viewer_axes(forward: Vector3<f32>) -> Matrix3<f32> {
-    let back = -forward.try_normalize(1e-12).unwrap_or(-Vector3::z());
-    let up = if back.y.abs() > 0.99 { Vector3::z() } else { Vector3::y() };
-    let right = unit(up.cross(&back));
-    Matrix3::from_rows(&[right.transpose(), back.cross(&right).transpose(), back.transpose()])
 }
 
 #[cfg(test)]

@@ -40,18 +40,18 @@ impl Camera {
     }
 
     /// Right, up and backward unit vectors as rows.
-    pub(crate) fn axes(&self) -> Matrix3<f32> {
+    pub fn axes(&self) -> Matrix3<f32> {
         viewer_axes(Vector3::from(self.target) - Vector3::from(self.eye))
     }
 
     /// Width of a pixel at a distance of 1 cm, cm.
-    pub(crate) fn pixel_at_one(&self) -> f32 {
+    pub fn pixel_at_one(&self) -> f32 {
         2.0 * (0.5 * self.vertical_fov).tan() / self.height as f32
     }
 }
 
 /// Right, up and backward unit vectors of a viewer who looks along `forward`, as rows.
-pub(crate) fn viewer_axes(forward: Vector3<f32>) -> Matrix3<f32> {
+pub fn viewer_axes(forward: Vector3<f32>) -> Matrix3<f32> {
     let back = -forward.try_normalize(1e-12).unwrap_or(-Vector3::z());
     let up = if back.y.abs() > 0.99 { Vector3::z() } else { Vector3::y() };
     let right = up.cross(&back).try_normalize(1e-12).unwrap_or(Vector3::x());

@@ -71,7 +71,7 @@ impl ColourBy<'_> {
     }
 
     /// Whether colours stand for numbers, so that light must not bend them.
-    pub(crate) fn is_measure(&self) -> bool {
+    pub fn is_measure(&self) -> bool {
         !matches!(self, Self::Hair(_))
     }
 }

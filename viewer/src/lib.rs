@@ -28,7 +28,7 @@ mod image;
 mod scene;
 mod video;
 
-pub use camera::Camera;
+pub use camera::{Camera, viewer_axes};
 pub use colour::{ColourBy, guide_colour, heat_colour, to_srgb};
 pub use compare::psnr;
 pub use error::Error;

@@ -67,7 +67,7 @@ impl<'a> Strands<'a> {
         self.positions.len() / self.n_particles.max(1)
     }
 
-    pub(crate) fn check(&self) -> Result<(), Error> {
+    fn check(&self) -> Result<(), Error> {
         if self.n_particles < 2 {
             let must = "at least 2";
             return Err(Error::BadValue { what: "particles of a strand", value: self.n_particles as f64, must });
@@ -97,7 +97,7 @@ pub struct SolidMesh<'a> {
 }
 
 impl SolidMesh<'_> {
-    pub(crate) fn check(&self) -> Result<(), Error> {
+    fn check(&self) -> Result<(), Error> {
         let n_vertices = self.vertices.len();
         for (triangle, corners) in self.triangles.iter().enumerate() {
             if let Some(&vertex) = corners.iter().find(|&&v| v as usize >= n_vertices) {
@@ -107,8 +107,10 @@ impl SolidMesh<'_> {
         Ok(())
     }
 
-    /// Positions and unit normals in the world, one per vertex; zero where a vertex has no direction.
-    pub(crate) fn placed(&self) -> Vec<[Vector3<f32>; 2]> {
+    /// Positions and unit normals in the world, one per vertex; a normal is zero where there is no direction. Triangles must
+    /// name vertices that are there, as [`Scene::check`] finds.
+    #[must_use]
+    pub fn placed(&self) -> Vec<[Vector3<f32>; 2]> {
         let mut out: Vec<_> = self
             .vertices
             .iter()
@@ -155,7 +157,11 @@ impl<'a> Scene<'a> {
         }
     }
 
-    pub(crate) fn check(&self) -> Result<(), Error> {
+    /// Whether it can be drawn at all: every renderer asks this first.
+    ///
+    /// # Errors
+    /// The first array whose length does not fit, or number without sense.
+    pub fn check(&self) -> Result<(), Error> {
         self.strands.iter().try_for_each(Strands::check)?;
         self.solids.iter().try_for_each(SolidMesh::check)?;
         let c = &self.camera;

@@ -17,6 +17,7 @@ mod report;
 mod run_scene;
 mod tidy;
 mod train;
+mod view;
 
 use clap::{Parser, Subcommand};
 use std::path::{Path, PathBuf};
@@ -45,6 +46,8 @@ enum Command {
     Compare(compare::Args),
     /// Measure parts on their own.
     Bench(bench::Args),
+    /// Pictures of a scene by a graphics driver, that of a card or Mesa's: still, around, or as it moves.
+    View(view::Args),
     /// Convert a groom to .hair, or a mesh to .obj.
     Convert(convert::Args),
     /// Check everything: format, lints, tests, docs, licences, tidiness, paper map.
@@ -82,8 +85,19 @@ fn main() -> ExitCode {
     }
 }
 
+impl Command {
+    /// Whether it draws by a graphics driver, which is built only for those that do.
+    fn needs_viewer(&self) -> bool {
+        matches!(self, Self::View(_)) || matches!(self, Self::RunScene(args) if args.shaded)
+    }
+}
+
 fn run(command: Command) -> anyhow::Result<()> {
+    if command.needs_viewer() && !cfg!(feature = "viewer") {
+        return view::start_anew(&workspace_root());
+    }
     match command {
+        Command::View(args) => view::run(args),
         Command::Train(args) => train::run(args),
         Command::RunScene(args) => run_scene::run(args),
         Command::Compare(args) => compare::run(args),

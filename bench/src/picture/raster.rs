@@ -5,8 +5,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::{Camera, viewer_axes};
-use hair_viewer::Image;
+use super::Camera;
+use hair_viewer::{Image, viewer_axes};
 
 /// World to canvas.
 pub(super) struct Projection {

@@ -1,0 +1,131 @@
+//! `xtask view`: pictures of a scene by a graphics driver: still, around, or as it moves; as PNG and as video.
+//!
+//! The renderer takes minutes to build, so that the program is built without it and starts itself anew with it when it is
+//! asked to draw. Without a driver it says what to install.
+
+#[cfg(feature = "viewer")]
+mod draw;
+#[cfg(feature = "viewer")]
+mod frames;
+
+#[cfg(not(feature = "viewer"))]
+use anyhow::bail;
+use anyhow::{Context, Result};
+use hair_bench::run::Mode;
+use hair_bench::world::World;
+use hair_viewer::Image;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+#[cfg(not(feature = "viewer"))]
+const WITHOUT: &str = "this program was built without feature `viewer`";
+
+/// What hair is coloured by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Colour {
+    Brown,
+    Blonde,
+    Red,
+    Black,
+    /// A colour for the guide that counts most at a strand's middle; needs --run.
+    Guide,
+    /// The largest weight at a strand's middle, blue for 0 to red for 1; needs --run.
+    Weight,
+    /// Pale outside solids, yellow to red inside.
+    Penetration,
+    /// Blue at rest to red at --fastest; needs --run.
+    Velocity,
+}
+
+/// Options of `xtask view`.
+#[derive(Debug, clap::Args)]
+#[cfg_attr(not(feature = "viewer"), allow(dead_code, reason = "only read by the program that draws"))]
+pub struct Args {
+    /// A scene (.toml; see docs/SCENE.md), a built-in one (salon), or a groom (.hair, .tfx, .data, .ply; needs --unit).
+    scene: String,
+    /// Unit of a bare groom: m, cm, mm, in, or centimetres per unit as a number.
+    #[arg(long)]
+    unit: Option<String>,
+    /// Run the scene in this mode, as `run-scene` does (training if need be), and draw it as it moves; else its hair at rest.
+    #[arg(long, value_name = "MODE")]
+    run: Option<Mode>,
+    /// Seconds to run at most; the whole scene without it.
+    #[arg(long, requires = "run")]
+    seconds: Option<f64>,
+    /// What hair is coloured by.
+    #[arg(long, value_enum, default_value = "brown")]
+    colour: Colour,
+    /// Speed shown in red with --colour velocity, cm/s.
+    #[arg(long, default_value_t = 100.0)]
+    fastest: f32,
+    /// Depth shown in red with --colour penetration, cm.
+    #[arg(long, default_value_t = 0.1)]
+    worst: f32,
+    /// Pictures once around, from the scene's camera on; with --run, the camera goes around once during the run.
+    #[arg(long, value_name = "PICTURES")]
+    turntable: Option<usize>,
+    /// Turn the scene's camera about the vertical through what it looks at first, degrees.
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    turn: f32,
+    /// Height of the pictures in pixels; the scene's without it. The width follows.
+    #[arg(long)]
+    height: Option<usize>,
+    /// Drawn pixels along each axis for one of the picture, with four samples each: 1 is quick, 2 smooth.
+    #[arg(long, default_value_t = 2)]
+    supersampling: usize,
+    /// Also write a video (.mp4, by ffmpeg), so many frames a second; the scene's number for a run if 0.
+    #[arg(long, value_name = "FPS", num_args = 0..=1, default_missing_value = "0")]
+    video: Option<f64>,
+    /// Also write every picture of several to a file of its own.
+    #[arg(long)]
+    each: bool,
+    /// Worker threads; 0 uses all cores.
+    #[arg(long, default_value_t = 0)]
+    threads: usize,
+    /// Folder of results and cache: `OUT/<scene>/view*.png`, and OUT/cache.
+    #[arg(long, default_value = "out")]
+    out: PathBuf,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// A scene that cannot be made or run, no driver, a file that cannot be written.
+pub fn run(args: Args) -> Result<()> {
+    #[cfg(feature = "viewer")]
+    return draw::run(&args);
+    #[cfg(not(feature = "viewer"))]
+    bail!("{}: {WITHOUT}", args.scene)
+}
+
+/// Pictures of hair at these times from the scene's camera. `done` hears of each.
+///
+/// # Errors
+/// As [`run`].
+pub fn pictures(world: &World, frames: &[&(f64, Vec<[f32; 3]>)], done: impl Fn()) -> Result<Vec<Image>> {
+    #[cfg(feature = "viewer")]
+    return draw::pictures(world, frames, done);
+    #[cfg(not(feature = "viewer"))]
+    {
+        let _ = (world, frames, done);
+        bail!("{WITHOUT}")
+    }
+}
+
+/// Starts this program anew, built with its renderer, with the same options.
+///
+/// # Errors
+/// Where that cannot be built or fails.
+pub fn start_anew(root: &Path) -> Result<()> {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let manifest = root.join("Cargo.toml");
+    let status = Command::new(cargo)
+        .args(["run", "--quiet", "--release", "--package", "xtask", "--features", "viewer", "--manifest-path"])
+        .arg(manifest)
+        .arg("--")
+        .args(std::env::args_os().skip(1))
+        .status()
+        .context("starting cargo to build the renderer")?;
+    // What went wrong has been said by then.
+    if status.success() { Ok(()) } else { std::process::exit(status.code().unwrap_or(1)) }
+}

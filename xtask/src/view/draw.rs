@@ -1,0 +1,183 @@
+//! The pictures of `xtask view`: a scene's hair and solids handed to the renderer, and what comes back to files.
+
+use super::frames::{Frame, each_frame};
+use super::{Args, Colour};
+use crate::pipeline::use_threads;
+use crate::progress::Bars;
+use crate::report::camera;
+use anyhow::{Context, Result};
+use hair_bench::picture::contact_sheet;
+use hair_bench::world::World;
+use hair_viewer::{
+    BLONDE, BROWN, Camera, ColourBy, Curve, HORN, Image, Renderer, SKIN, Scene, SolidMesh, Strands, Video,
+};
+use io_formats::mesh::TriMesh;
+use nalgebra::{Isometry3, Vector3};
+use std::path::PathBuf;
+
+/// Pictures on the sheet that shows several.
+const ON_SHEET: usize = 9;
+
+pub(super) fn run(args: &Args) -> Result<()> {
+    use_threads(args.threads)?;
+    let renderer = Renderer::new()?;
+    let bars = Bars::new();
+    let mut output = None;
+    each_frame(args, &bars, &mut |world, frame, n, n_frames| {
+        let still = n_frames == 1;
+        let around = args.turntable.unwrap_or(1).max(1);
+        let n_pictures = if still { around } else { n_frames };
+        let output = match &mut output {
+            Some(output) => output,
+            empty => empty.insert(Output::create(args, world, &bars, n_pictures)?),
+        };
+        let depths = if args.colour == Colour::Penetration { depths(world, frame) } else { Vec::new() };
+        for k in 0..if still { around } else { 1 } {
+            let share = if still { k as f32 / around as f32 } else { n as f32 / n_frames as f32 };
+            let turn = if args.turntable.is_some() { std::f32::consts::TAU * share } else { 0.0 };
+            let camera = output.camera.turned(args.turn.to_radians() + turn);
+            let mut image = draw(&renderer, world, frame, &depths, camera, args)?;
+            if !still {
+                image.draw_time(frame.t);
+            }
+            output.push(image)?;
+        }
+        Ok(())
+    })?;
+    output.context("a scene without a moment to draw")?.finish(renderer.adapter())
+}
+
+/// Where pictures go.
+struct Output {
+    /// The scene's, in the size asked for.
+    camera: Camera,
+    stem: PathBuf,
+    each: bool,
+    video: Option<(Video, PathBuf)>,
+    n_pictures: usize,
+    n_done: usize,
+    sheet: Vec<Image>,
+    bar: crate::progress::Bar,
+}
+
+impl Output {
+    fn create(args: &Args, world: &World, bars: &Bars, n_pictures: usize) -> Result<Self> {
+        let mut camera = camera(world);
+        if let Some(height) = args.height {
+            camera.width = (camera.width * height).div_ceil(camera.height.max(1));
+            camera.height = height;
+        }
+        let folder = args.out.join(&world.scene.name);
+        std::fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
+        let mode = args.run.map_or_else(String::new, |mode| format!("-{}", mode.name()));
+        let colour = format!("{:?}", args.colour).to_lowercase();
+        let stem = folder.join(format!("view{mode}-{colour}"));
+        let video = match args.video {
+            Some(fps) => {
+                let fps = if fps > 0.0 { fps } else { world.scene.fps };
+                let path = stem.with_extension("mp4");
+                Some((Video::create(&path, camera.width, camera.height, fps)?, path))
+            }
+            None => None,
+        };
+        let bar = bars.bar("pictures", n_pictures as u64);
+        Ok(Self { camera, stem, each: args.each, video, n_pictures, n_done: 0, sheet: Vec::new(), bar })
+    }
+
+    fn push(&mut self, image: Image) -> Result<()> {
+        if let Some((video, _)) = &mut self.video {
+            video.push(&image)?;
+        }
+        if self.each && self.n_pictures > 1 {
+            let name = format!("{}-{:04}.png", self.stem.display(), self.n_done);
+            image.write_png(name.as_ref())?;
+        }
+        // The sheet holds the first, the last and as many evenly between as it has room for.
+        let room = ON_SHEET.min(self.n_pictures);
+        let next = if room > 1 { self.sheet.len() * (self.n_pictures - 1) / (room - 1) } else { 0 };
+        if self.n_done == next {
+            self.sheet.push(image);
+        }
+        self.n_done += 1;
+        self.bar.inc(1);
+        Ok(())
+    }
+
+    fn finish(self, adapter: &str) -> Result<()> {
+        self.bar.finish_and_clear();
+        let columns = (self.sheet.len() as f64).sqrt().ceil() as usize;
+        let path = self.stem.with_extension("png");
+        contact_sheet(&self.sheet, columns).write_png(&path)?;
+        println!("{} pictures by {adapter}: {}", self.n_done, path.display());
+        if let Some((video, path)) = self.video {
+            video.finish()?;
+            println!("video: {}", path.display());
+        }
+        Ok(())
+    }
+}
+
+/// Depth of each particle in whatever solid it is deepest in, cm.
+fn depths(world: &World, frame: &Frame) -> Vec<f32> {
+    let mut solids = world.moving_solids(frame.t, 0.0);
+    solids.push(world.moving_head(frame.t, 0.0));
+    let deepest = |p: &[f32; 3]| {
+        let point = Vector3::from(*p).cast();
+        solids.iter().map(|solid| -solid.distance_at_end(point)).fold(f32::NEG_INFINITY, f32::max)
+    };
+    frame.positions.iter().map(deepest).collect()
+}
+
+/// The scene's solids at time `t`.
+fn solids(world: &World, t: f64) -> Vec<SolidMesh<'_>> {
+    fn place(mesh: &TriMesh, pose: Isometry3<f64>, colour: [f32; 3]) -> SolidMesh<'_> {
+        let TriMesh { vertices, triangles } = mesh;
+        SolidMesh { vertices, triangles, world_from_solid: pose.cast(), colour }
+    }
+    let mut out = vec![place(&world.head_mesh, world.world_from_head(t), SKIN)];
+    out.extend(world.solid_meshes.iter().zip(world.world_from_solids(t)).map(|(mesh, pose)| place(mesh, pose, HORN)));
+    out
+}
+
+fn draw(
+    renderer: &Renderer,
+    world: &World,
+    frame: &Frame,
+    depths: &[f32],
+    camera: Camera,
+    args: &Args,
+) -> Result<Image> {
+    let colour = match args.colour {
+        Colour::Brown => ColourBy::Hair(BROWN),
+        Colour::Blonde => ColourBy::Hair(BLONDE),
+        Colour::Red => ColourBy::Hair([0.28, 0.075, 0.022]),
+        Colour::Black => ColourBy::Hair([0.016, 0.012, 0.010]),
+        Colour::Guide => ColourBy::Guide(&frame.guides),
+        Colour::Weight => ColourBy::Weight(&frame.weights),
+        Colour::Penetration => ColourBy::Penetration { depths, worst_cm: args.worst },
+        Colour::Velocity => ColourBy::Velocity { speeds: &frame.speeds, fastest: args.fastest },
+    };
+    let mut scene = Scene { supersampling: args.supersampling, ..Scene::new(camera) };
+    let mut strands = Strands::new(&frame.positions, world.groom.n_particles, colour);
+    if args.colour == Colour::Penetration {
+        // What is inside is to be seen where it is.
+        strands.curve = Curve::Through;
+    }
+    scene.strands.push(strands);
+    scene.solids = solids(world, frame.t);
+    Ok(renderer.picture(&scene)?)
+}
+
+pub(super) fn pictures(world: &World, frames: &[&(f64, Vec<[f32; 3]>)], done: impl Fn()) -> Result<Vec<Image>> {
+    let renderer = Renderer::new()?;
+    let one = |&&(t, ref positions): &&(f64, Vec<[f32; 3]>)| {
+        let mut scene = Scene::new(camera(world));
+        scene.strands.push(Strands::new(positions, world.groom.n_particles, ColourBy::Hair(BROWN)));
+        scene.solids = solids(world, t);
+        let mut image = renderer.picture(&scene)?;
+        image.draw_time(t);
+        done();
+        Ok(image)
+    };
+    frames.iter().map(one).collect()
+}
