@@ -23,6 +23,12 @@ pub enum Error {
         /// What it said.
         reason: String,
     },
+    /// The program that draws could not.
+    #[error("no picture by the program that draws: {why}")]
+    Process {
+        /// What it said, or how it ended.
+        why: String,
+    },
     /// More than a device can hold.
     #[error("{what} needs {needed}, but the driver allows {limit}; draw fewer strands or a smaller picture")]
     TooLarge {

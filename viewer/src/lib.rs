@@ -5,6 +5,7 @@
 //! - [`Strands`], [`SolidMesh`], [`Scene`]: what is drawn; [`Shading`] and [`ColourBy`]: how hair looks
 //! - [`Video`]: frames handed to `ffmpeg`, where that is installed
 //! - `Renderer` (feature `gpu`): draws a scene on a Vulkan driver, that of a graphics card or Mesa's for the processor
+//! - [`RenderProcess`]: the same in a program of its own, `hair-draw`, for programs built without it
 //!
 //! Feature `gpu` (off by default: it takes minutes to build) brings the renderer; all else is there without it.
 //! The same scene drawn twice by one driver gives the same bytes. Centimetres; colours are linear red, green, blue in 0..1.
@@ -25,8 +26,10 @@ mod error;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod image;
+mod process;
 mod scene;
 mod video;
+mod wire;
 
 pub use camera::{Camera, viewer_axes};
 pub use colour::{ColourBy, guide_colour, heat_colour, to_srgb};
@@ -35,5 +38,6 @@ pub use error::Error;
 #[cfg(feature = "gpu")]
 pub use gpu::Renderer;
 pub use image::{Image, contact_sheet};
+pub use process::{RenderProcess, serve};
 pub use scene::{BLONDE, BROWN, Curve, HORN, SKIN, Scene, Shading, SolidMesh, Strands};
 pub use video::Video;

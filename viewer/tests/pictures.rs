@@ -4,10 +4,11 @@
 #![cfg(feature = "gpu")]
 
 use hair_viewer::{
-    BROWN, Camera, ColourBy, Curve, Error, HORN, Image, Renderer, SKIN, Scene, Shading, SolidMesh, Strands,
-    heat_colour, psnr, to_srgb,
+    BROWN, Camera, ColourBy, Curve, Error, HORN, Image, RenderProcess, Renderer, SKIN, Scene, Shading, SolidMesh,
+    Strands, heat_colour, psnr, to_srgb,
 };
 use nalgebra::{Isometry3, Vector3};
+use std::process::Command;
 use std::sync::OnceLock;
 
 /// One driver for all tests; `None`, and a word on it, where there is none.
@@ -275,6 +276,24 @@ fn more_strands_than_one_batch_are_all_drawn() {
     scene.strands.push(Strands { width_cm: 0.001, ..Strands::new(&points, 2, ColourBy::Hair([1.0; 3])) });
     let image = renderer.picture(&scene).unwrap();
     assert!((3..61).all(|x| pixel(&image, x, 23)[0] > 0 && pixel(&image, x, 24)[0] > 0));
+}
+
+#[test]
+fn a_renderer_in_a_program_of_its_own_draws_the_same_bytes() {
+    let Some(renderer) = renderer("a_renderer_in_a_program_of_its_own_draws_the_same_bytes") else { return };
+    let points = tuft();
+    let wall = square(-2.0);
+    let mut scene = busy(&points);
+    scene.solids.push(solid(&wall));
+    let mut process = RenderProcess::start(Command::new(env!("CARGO_BIN_EXE_hair-draw"))).unwrap();
+    assert_eq!(process.adapter(), renderer.adapter());
+    assert_eq!(process.picture(&scene).unwrap(), renderer.picture(&scene).unwrap());
+    // What it refuses it says, and goes on.
+    scene.camera.width = 1 << 20;
+    let refused = process.picture(&scene).unwrap_err().to_string();
+    assert!(refused.contains("2097152"), "{refused}");
+    scene.camera.width = 32;
+    assert_eq!(process.picture(&scene).unwrap().width, 32);
 }
 
 #[test]

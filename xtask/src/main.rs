@@ -85,19 +85,9 @@ fn main() -> ExitCode {
     }
 }
 
-impl Command {
-    /// Whether it draws by a graphics driver, which is built only for those that do.
-    fn needs_viewer(&self) -> bool {
-        matches!(self, Self::View(_)) || matches!(self, Self::RunScene(args) if args.shaded)
-    }
-}
-
 fn run(command: Command) -> anyhow::Result<()> {
-    if command.needs_viewer() && !cfg!(feature = "viewer") {
-        return view::start_anew(&workspace_root());
-    }
     match command {
-        Command::View(args) => view::run(args),
+        Command::View(args) => view::run(&args),
         Command::Train(args) => train::run(args),
         Command::RunScene(args) => run_scene::run(args),
         Command::Compare(args) => compare::run(args),

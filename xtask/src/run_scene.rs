@@ -39,7 +39,7 @@ pub struct Args {
     no_cache: bool,
     /// Draw pictures by a graphics driver, as `view` does, rather than by the plain rasteriser built in.
     #[arg(long)]
-    pub shaded: bool,
+    shaded: bool,
     /// Pictures on the contact sheet.
     #[arg(long, default_value_t = 9)]
     pictures: usize,
@@ -77,7 +77,7 @@ pub fn run(args: Args) -> Result<()> {
         let last = frames.len() - 1;
         let chosen: Vec<_> = (0..args.pictures).map(|k| &frames[last * k / (args.pictures - 1).max(1)]).collect();
         let images = if args.shaded {
-            view::pictures(world, &chosen, || bar.inc(1))?
+            view::pictures(world, &chosen, &bars, || bar.inc(1))?
         } else {
             let draw = |(t, points): &&(f64, Vec<[f32; 3]>)| {
                 bar.inc(1);

@@ -1,24 +1,16 @@
 //! `xtask view`: pictures of a scene by a graphics driver: still, around, or as it moves; as PNG and as video.
 //!
-//! The renderer takes minutes to build, so that the program is built without it and starts itself anew with it when it is
-//! asked to draw. Without a driver it says what to install.
+//! The renderer takes minutes to build and is a program of its own (`hair-draw`), built by cargo when first asked for.
+//! Without a driver it says what to install.
 
-#[cfg(feature = "viewer")]
 mod draw;
-#[cfg(feature = "viewer")]
 mod frames;
 
-#[cfg(not(feature = "viewer"))]
-use anyhow::bail;
-use anyhow::{Context, Result};
-use hair_bench::run::Mode;
-use hair_bench::world::World;
-use hair_viewer::Image;
-use std::path::{Path, PathBuf};
-use std::process::Command;
+pub use draw::pictures;
 
-#[cfg(not(feature = "viewer"))]
-const WITHOUT: &str = "this program was built without feature `viewer`";
+use anyhow::Result;
+use hair_bench::run::Mode;
+use std::path::PathBuf;
 
 /// What hair is coloured by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -39,7 +31,6 @@ pub enum Colour {
 
 /// Options of `xtask view`.
 #[derive(Debug, clap::Args)]
-#[cfg_attr(not(feature = "viewer"), allow(dead_code, reason = "only read by the program that draws"))]
 pub struct Args {
     /// A scene (.toml; see docs/SCENE.md), a built-in one (salon), or a groom (.hair, .tfx, .data, .ply; needs --unit).
     scene: String,
@@ -91,41 +82,6 @@ pub struct Args {
 ///
 /// # Errors
 /// A scene that cannot be made or run, no driver, a file that cannot be written.
-pub fn run(args: Args) -> Result<()> {
-    #[cfg(feature = "viewer")]
-    return draw::run(&args);
-    #[cfg(not(feature = "viewer"))]
-    bail!("{}: {WITHOUT}", args.scene)
-}
-
-/// Pictures of hair at these times from the scene's camera. `done` hears of each.
-///
-/// # Errors
-/// As [`run`].
-pub fn pictures(world: &World, frames: &[&(f64, Vec<[f32; 3]>)], done: impl Fn()) -> Result<Vec<Image>> {
-    #[cfg(feature = "viewer")]
-    return draw::pictures(world, frames, done);
-    #[cfg(not(feature = "viewer"))]
-    {
-        let _ = (world, frames, done);
-        bail!("{WITHOUT}")
-    }
-}
-
-/// Starts this program anew, built with its renderer, with the same options.
-///
-/// # Errors
-/// Where that cannot be built or fails.
-pub fn start_anew(root: &Path) -> Result<()> {
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let manifest = root.join("Cargo.toml");
-    let status = Command::new(cargo)
-        .args(["run", "--quiet", "--release", "--package", "xtask", "--features", "viewer", "--manifest-path"])
-        .arg(manifest)
-        .arg("--")
-        .args(std::env::args_os().skip(1))
-        .status()
-        .context("starting cargo to build the renderer")?;
-    // What went wrong has been said by then.
-    if status.success() { Ok(()) } else { std::process::exit(status.code().unwrap_or(1)) }
+pub fn run(args: &Args) -> Result<()> {
+    draw::run(args)
 }

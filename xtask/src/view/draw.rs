@@ -5,23 +5,36 @@ use super::{Args, Colour};
 use crate::pipeline::use_threads;
 use crate::progress::Bars;
 use crate::report::camera;
+use crate::workspace_root;
 use anyhow::{Context, Result};
 use hair_bench::picture::contact_sheet;
 use hair_bench::world::World;
 use hair_viewer::{
-    BLONDE, BROWN, Camera, ColourBy, Curve, HORN, Image, Renderer, SKIN, Scene, SolidMesh, Strands, Video,
+    BLONDE, BROWN, Camera, ColourBy, Curve, HORN, Image, RenderProcess, SKIN, Scene, SolidMesh, Strands, Video,
 };
 use io_formats::mesh::TriMesh;
 use nalgebra::{Isometry3, Vector3};
 use std::path::PathBuf;
+use std::process::Command;
 
 /// Pictures on the sheet that shows several.
 const ON_SHEET: usize = 9;
 
+/// Starts the program that draws; cargo builds it first if it has to.
+fn start(bars: &Bars) -> Result<RenderProcess> {
+    bars.note("starting the renderer; cargo builds it the first time, which takes minutes");
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let mut command = Command::new(cargo);
+    command
+        .args(["run", "--release", "--package", "hair-viewer", "--features", "gpu", "--bin", "hair-draw"])
+        .current_dir(workspace_root());
+    Ok(RenderProcess::start(command)?)
+}
+
 pub(super) fn run(args: &Args) -> Result<()> {
     use_threads(args.threads)?;
-    let renderer = Renderer::new()?;
     let bars = Bars::new();
+    let mut renderer = start(&bars)?;
     let mut output = None;
     each_frame(args, &bars, &mut |world, frame, n, n_frames| {
         let still = n_frames == 1;
@@ -36,7 +49,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
             let share = if still { k as f32 / around as f32 } else { n as f32 / n_frames as f32 };
             let turn = if args.turntable.is_some() { std::f32::consts::TAU * share } else { 0.0 };
             let camera = output.camera.turned(args.turn.to_radians() + turn);
-            let mut image = draw(&renderer, world, frame, &depths, camera, args)?;
+            let mut image = draw(&mut renderer, world, frame, &depths, camera, args)?;
             if !still {
                 image.draw_time(frame.t);
             }
@@ -140,7 +153,7 @@ fn solids(world: &World, t: f64) -> Vec<SolidMesh<'_>> {
 }
 
 fn draw(
-    renderer: &Renderer,
+    renderer: &mut RenderProcess,
     world: &World,
     frame: &Frame,
     depths: &[f32],
@@ -168,16 +181,21 @@ fn draw(
     Ok(renderer.picture(&scene)?)
 }
 
-pub(super) fn pictures(world: &World, frames: &[&(f64, Vec<[f32; 3]>)], done: impl Fn()) -> Result<Vec<Image>> {
-    let renderer = Renderer::new()?;
-    let one = |&&(t, ref positions): &&(f64, Vec<[f32; 3]>)| {
+/// Pictures of hair at these times from the scene's camera. `done` hears of each.
+///
+/// # Errors
+/// No driver, or one that fails.
+pub fn pictures(world: &World, frames: &[&(f64, Vec<[f32; 3]>)], bars: &Bars, done: impl Fn()) -> Result<Vec<Image>> {
+    let mut renderer = start(bars)?;
+    let mut images = Vec::with_capacity(frames.len());
+    for (t, positions) in frames {
         let mut scene = Scene::new(camera(world));
         scene.strands.push(Strands::new(positions, world.groom.n_particles, ColourBy::Hair(BROWN)));
-        scene.solids = solids(world, t);
+        scene.solids = solids(world, *t);
         let mut image = renderer.picture(&scene)?;
-        image.draw_time(t);
+        image.draw_time(*t);
+        images.push(image);
         done();
-        Ok(image)
-    };
-    frames.iter().map(one).collect()
+    }
+    Ok(images)
 }
