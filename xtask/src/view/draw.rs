@@ -141,14 +141,14 @@ fn depths(world: &World, frame: &Frame) -> Vec<f32> {
     frame.positions.iter().map(deepest).collect()
 }
 
-/// The scene's solids at time `t`.
-fn solids(world: &World, t: f64) -> Vec<SolidMesh<'_>> {
+/// The scene's solids at time `t`, in a colour for the head and one for all others.
+fn solids(world: &World, t: f64, [head, others]: [[f32; 3]; 2]) -> Vec<SolidMesh<'_>> {
     fn place(mesh: &TriMesh, pose: Isometry3<f64>, colour: [f32; 3]) -> SolidMesh<'_> {
         let TriMesh { vertices, triangles } = mesh;
         SolidMesh { vertices, triangles, world_from_solid: pose.cast(), colour }
     }
-    let mut out = vec![place(&world.head_mesh, world.world_from_head(t), SKIN)];
-    out.extend(world.solid_meshes.iter().zip(world.world_from_solids(t)).map(|(mesh, pose)| place(mesh, pose, HORN)));
+    let mut out = vec![place(&world.head_mesh, world.world_from_head(t), head)];
+    out.extend(world.solid_meshes.iter().zip(world.world_from_solids(t)).map(|(mesh, pose)| place(mesh, pose, others)));
     out
 }
 
@@ -177,7 +177,9 @@ fn draw(
         strands.curve = Curve::Through;
     }
     scene.strands.push(strands);
-    scene.solids = solids(world, frame.t);
+    // Skin would pass for one of the colours of a measure.
+    let of_solids = if matches!(colour, ColourBy::Hair(_)) { [SKIN, HORN] } else { [[0.16, 0.17, 0.19]; 2] };
+    scene.solids = solids(world, frame.t, of_solids);
     Ok(renderer.picture(&scene)?)
 }
 
@@ -191,7 +193,7 @@ pub fn pictures(world: &World, frames: &[&(f64, Vec<[f32; 3]>)], bars: &Bars, do
     for (t, positions) in frames {
         let mut scene = Scene::new(camera(world));
         scene.strands.push(Strands::new(positions, world.groom.n_particles, ColourBy::Hair(BROWN)));
-        scene.solids = solids(world, *t);
+        scene.solids = solids(world, *t, [SKIN, HORN]);
         let mut image = renderer.picture(&scene)?;
         image.draw_time(*t);
         images.push(image);
