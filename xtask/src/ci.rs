@@ -33,6 +33,12 @@ pub fn run(root: &Path) -> anyhow::Result<()> {
         cargo(root, &["clippy", "--release", "--workspace", "--all-targets", "--", "-D", "warnings"], &[])
     });
     step("test", &|| cargo(root, &["test", "--release", "--workspace", "--no-fail-fast"], &[]));
+    // Off by default for what it takes to build; without a driver its tests say that they are skipped.
+    step("viewer", &|| {
+        let with_driver = ["--release", "--package", "hair-viewer", "--features", "gpu"];
+        cargo(root, &[&["clippy"], &with_driver[..], &["--all-targets", "--", "-D", "warnings"]].concat(), &[])?;
+        cargo(root, &[&["test"], &with_driver[..], &["--no-fail-fast"]].concat(), &[])
+    });
     // The same profile as clippy: both need only the metadata of dependencies, which is then built once.
     step("doc", &|| cargo(root, &["doc", "--release", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "-D warnings")]));
     step("deny", &|| deny(root));

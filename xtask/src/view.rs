@@ -40,6 +40,9 @@ pub struct Args {
     /// Run the scene in this mode, as `run-scene` does (training if need be), and draw it as it moves; else its hair at rest.
     #[arg(long, value_name = "MODE")]
     run: Option<Mode>,
+    /// Also run in this mode, draw the same pictures of it, and print how far the two are apart (PSNR, as NI20 Table 1).
+    #[arg(long, value_name = "MODE", requires = "run")]
+    against: Option<Mode>,
     /// Seconds to run at most; the whole scene without it.
     #[arg(long, requires = "run")]
     seconds: Option<f64>,
@@ -47,7 +50,7 @@ pub struct Args {
     #[arg(long, value_enum, default_value = "brown")]
     colour: Colour,
     /// Speed shown in red with --colour velocity, cm/s.
-    #[arg(long, default_value_t = 100.0)]
+    #[arg(long, default_value_t = 30.0)]
     fastest: f32,
     /// Depth shown in red with --colour penetration, cm.
     #[arg(long, default_value_t = 0.1)]

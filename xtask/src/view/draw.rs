@@ -1,6 +1,6 @@
 //! The pictures of `xtask view`: a scene's hair and solids handed to the renderer, and what comes back to files.
 
-use super::frames::{Frame, each_frame};
+use super::frames::{Frame, check, each_frame};
 use super::{Args, Colour};
 use crate::pipeline::use_threads;
 use crate::progress::Bars;
@@ -8,12 +8,14 @@ use crate::report::camera;
 use crate::workspace_root;
 use anyhow::{Context, Result};
 use hair_bench::picture::contact_sheet;
+use hair_bench::run::Mode;
 use hair_bench::world::World;
 use hair_viewer::{
-    BLONDE, BROWN, Camera, ColourBy, Curve, HORN, Image, RenderProcess, SKIN, Scene, SolidMesh, Strands, Video,
+    BLONDE, BROWN, Camera, ColourBy, Curve, HORN, Image, RenderProcess, SKIN, Scene, SolidMesh, Strands, Video, psnr,
 };
 use io_formats::mesh::TriMesh;
 use nalgebra::{Isometry3, Vector3};
+use std::f32::consts::TAU;
 use std::path::PathBuf;
 use std::process::Command;
 
@@ -32,38 +34,83 @@ fn start(bars: &Bars) -> Result<RenderProcess> {
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
+    for mode in [Some(args.run), args.against.map(Some)].into_iter().flatten() {
+        check(args.colour, mode)?;
+    }
     use_threads(args.threads)?;
     let bars = Bars::new();
     let mut renderer = start(&bars)?;
-    let mut output = None;
-    each_frame(args, &bars, &mut |world, frame, n, n_frames| {
-        let still = n_frames == 1;
-        let around = args.turntable.unwrap_or(1).max(1);
-        let n_pictures = if still { around } else { n_frames };
+    let mut others = Vec::new();
+    if let Some(mode) = args.against {
+        let bar = bars.bar(mode.name(), 1);
+        each_picture(args, Some(mode), &mut renderer, &bars, &mut |_, image, _, n_pictures| {
+            bar.set_length(n_pictures as u64);
+            bar.inc(1);
+            others.push(image);
+            Ok(())
+        })?;
+        bar.finish_and_clear();
+    }
+    let (mut output, mut apart) = (None, Vec::new());
+    each_picture(args, args.run, &mut renderer, &bars, &mut |world, mut image, t, n_pictures| {
         let output = match &mut output {
             Some(output) => output,
             empty => empty.insert(Output::create(args, world, &bars, n_pictures)?),
         };
+        if let Some(other) = others.get(output.n_done) {
+            apart.push(psnr(&image, other)?);
+        }
+        if args.run.is_some() {
+            image.draw_time(t);
+        }
+        output.push(image)
+    })?;
+    output.context("a scene without a moment to draw")?.finish(renderer.adapter())?;
+    if let (Some(run), Some(against)) = (args.run, args.against) {
+        // Equal pictures, as both begin with, are infinitely alike: they have no part in a mean.
+        let finite: Vec<f64> = apart.iter().copied().filter(|x| x.is_finite()).collect();
+        let mean = finite.iter().sum::<f64>() / finite.len() as f64;
+        let least = finite.iter().copied().fold(f64::INFINITY, f64::min);
+        println!(
+            "PSNR of {} against {}: mean {mean:.2} dB, least {least:.2} dB over {} pictures; {} more are equal",
+            run.name(),
+            against.name(),
+            finite.len(),
+            apart.len() - finite.len()
+        );
+    }
+    Ok(())
+}
+
+/// Draws every picture of a mode (none: of hair at rest) and hands on each with its time and the number of all.
+fn each_picture(
+    args: &Args,
+    mode: Option<Mode>,
+    renderer: &mut RenderProcess,
+    bars: &Bars,
+    then: &mut dyn FnMut(&World, Image, f64, usize) -> Result<()>,
+) -> Result<()> {
+    each_frame(args, mode, bars, &mut |world, frame, n, n_frames| {
+        let around = if n_frames == 1 { args.turntable.unwrap_or(1).max(1) } else { 1 };
+        let n_pictures = around * n_frames;
         let depths = if args.colour == Colour::Penetration { depths(world, frame) } else { Vec::new() };
-        for k in 0..if still { around } else { 1 } {
-            let share = if still { k as f32 / around as f32 } else { n as f32 / n_frames as f32 };
-            let turn = if args.turntable.is_some() { std::f32::consts::TAU * share } else { 0.0 };
-            let camera = output.camera.turned(args.turn.to_radians() + turn);
-            let mut image = draw(&mut renderer, world, frame, &depths, camera, args)?;
-            if !still {
-                image.draw_time(frame.t);
-            }
-            output.push(image)?;
+        for k in n * around..(n + 1) * around {
+            let turn = if args.turntable.is_some() { TAU * k as f32 / n_pictures as f32 } else { 0.0 };
+            let camera = sized(camera(world), args.height).turned(args.turn.to_radians() + turn);
+            then(world, draw(renderer, world, frame, &depths, camera, args)?, frame.t, n_pictures)?;
         }
         Ok(())
-    })?;
-    output.context("a scene without a moment to draw")?.finish(renderer.adapter())
+    })
+}
+
+/// The same view in another height.
+fn sized(camera: Camera, height: Option<usize>) -> Camera {
+    let Some(height) = height else { return camera };
+    Camera { width: (camera.width * height).div_ceil(camera.height.max(1)), height, ..camera }
 }
 
 /// Where pictures go.
 struct Output {
-    /// The scene's, in the size asked for.
-    camera: Camera,
     stem: PathBuf,
     each: bool,
     video: Option<(Video, PathBuf)>,
@@ -75,11 +122,7 @@ struct Output {
 
 impl Output {
     fn create(args: &Args, world: &World, bars: &Bars, n_pictures: usize) -> Result<Self> {
-        let mut camera = camera(world);
-        if let Some(height) = args.height {
-            camera.width = (camera.width * height).div_ceil(camera.height.max(1));
-            camera.height = height;
-        }
+        let camera = sized(camera(world), args.height);
         let folder = args.out.join(&world.scene.name);
         std::fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
         let mode = args.run.map_or_else(String::new, |mode| format!("-{}", mode.name()));
@@ -94,7 +137,7 @@ impl Output {
             None => None,
         };
         let bar = bars.bar("pictures", n_pictures as u64);
-        Ok(Self { camera, stem, each: args.each, video, n_pictures, n_done: 0, sheet: Vec::new(), bar })
+        Ok(Self { stem, each: args.each, video, n_pictures, n_done: 0, sheet: Vec::new(), bar })
     }
 
     fn push(&mut self, image: Image) -> Result<()> {

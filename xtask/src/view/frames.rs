@@ -25,17 +25,29 @@ pub struct Frame {
     pub speeds: Vec<f32>,
 }
 
-/// Makes the world and hands `draw` each frame with the number of it and of all.
+/// Whether frames of this mode (none: hair at rest) know what the colour needs.
+///
+/// # Errors
+/// Says what they lack.
+pub fn check(colour: Colour, mode: Option<Mode>) -> Result<()> {
+    match (colour, mode) {
+        (Colour::Guide | Colour::Weight | Colour::Velocity, None) => {
+            bail!("hair at rest has no {colour:?} to colour by: add --run adaptive")
+        }
+        (Colour::Guide | Colour::Weight, Some(Mode::FullSpace)) => bail!("full space has no guides to colour by"),
+        _ => Ok(()),
+    }
+}
+
+/// Makes the world and hands `draw` each frame of a mode (none: of hair at rest) with the number of it and of all.
 pub fn each_frame(
     args: &Args,
+    mode: Option<Mode>,
     bars: &Bars,
     draw: &mut dyn FnMut(&World, &Frame, usize, usize) -> Result<()>,
 ) -> Result<()> {
     let mut scene = load_scene(&args.scene, args.unit.as_deref())?;
-    let Some(mode) = args.run else {
-        if matches!(args.colour, Colour::Guide | Colour::Weight | Colour::Velocity) {
-            bail!("hair at rest has no {:?} to colour by: add --run adaptive", args.colour);
-        }
+    let Some(mode) = mode else {
         let solids = BakeCache::in_directory(&args.out.join("cache").join("solids"));
         let spinner = bars.spinner("scene");
         let world = World::build_with(scene, Some(&solids), |what| spinner.set_message(what.to_owned()))?;
@@ -111,9 +123,6 @@ fn full_space(
     n_frames: usize,
     draw: &mut dyn FnMut(&World, &Frame, usize, usize) -> Result<()>,
 ) -> Result<()> {
-    if matches!(args.colour, Colour::Guide | Colour::Weight) {
-        bail!("full space has no guides to colour by");
-    }
     let (mut before, mut n, mut result) = (None::<(f64, Vec<[f32; 3]>)>, 0, Ok(()));
     let on_read = |t: f64, points: &[[f32; 3]]| {
         // A driver that fails fails again: the first reason is kept.

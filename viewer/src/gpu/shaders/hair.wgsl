@@ -41,7 +41,7 @@ fn fibre(t: vec3<f32>, l: vec3<f32>, v: vec3<f32>, base: vec3<f32>, tilt: f32) -
     let facing = 1.0 - cos_d * sqrt(0.5 + 0.5 * cos_phi);
     let mirror = 0.0465 + 0.9535 * pow(facing, 5.0);
     // Scales of the cuticle tilt the lobes towards the root by -2, 1 and 3 halves of 3 degrees.
-    let r = bell(half_sum + 2.0 * tilt, 0.11) * mirror * 0.17 * cos(0.5 * phi);
+    let r = bell(half_sum + 2.0 * tilt, 0.11) * mirror * 0.14 * cos(0.5 * phi);
     let passed = (1.0 - mirror) * (1.0 - mirror);
     let tt = bell(half_sum - tilt, 0.08) * passed * bell(PI - phi, 0.45) * 0.5;
     let trt = bell(half_sum - 3.0 * tilt, 0.20) * passed * mirror * (0.35 + 1.6 * bell(phi, 0.55));
