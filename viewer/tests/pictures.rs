@@ -2,6 +2,7 @@
 //!
 //! Without feature `gpu` there is nothing to test here; without a driver every test says that it is skipped, and why.
 #![cfg(feature = "gpu")]
+#![allow(clippy::print_stdout, reason = "a test that is skipped says so")]
 
 use hair_viewer::{
     BROWN, Camera, ColourBy, Curve, Error, HORN, Image, RenderProcess, Renderer, SKIN, Scene, Shading, SolidMesh,
