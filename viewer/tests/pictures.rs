@@ -197,7 +197,7 @@ fn known_speeds_are_drawn_in_known_colours() {
     };
     [8, 20, 33].into_iter().for_each(|y| check(22, y, 0.25));
     // Row y shows the middle of its millimetre: 2 cm above the middle is speed 0, 2 cm below it 100.
-    [8, 14, 20, 24, 33].into_iter().for_each(|y| check(42, y, (y as f32 + 0.5 - 4.0) / 40.0));
+    [8, 14, 20, 24, 33, 42].into_iter().for_each(|y| check(42, y, (y as f32 + 0.5 - 4.0) / 40.0));
 }
 
 #[test]
@@ -252,10 +252,14 @@ fn strands_that_are_not_finite_or_behind_the_camera_are_left_out() {
     let Some(renderer) = renderer("strands_that_are_not_finite_or_behind_the_camera_are_left_out") else { return };
     let draw = |points: &[[f32; 3]]| {
         let mut scene = flat();
-        scene.strands.push(Strands::new(points, 2, ColourBy::Hair([1.0; 3])));
+        scene.strands.push(Strands::new(points, points.len().max(2), ColourBy::Hair([1.0; 3])));
         renderer.picture(&scene).unwrap()
     };
     let empty = draw(&[]);
+    let mut torn = upright(0.0, 0.0);
+    assert_ne!(draw(&torn), empty);
+    torn[8][1] = f32::INFINITY;
+    assert_eq!(draw(&torn), empty, "a strand whose tip alone is lost");
     assert_eq!(draw(&[[f32::NAN; 3], [0.0, 1.0, 0.0]]), empty);
     assert_eq!(draw(&[[0.0, 0.0, 60.0], [0.0, 1.0, 70.0]]), empty);
     assert_eq!(draw(&[[0.0, 1.0, 0.0], [0.0, 1.0, 0.0]]), empty, "a strand without length");
