@@ -4,7 +4,7 @@
 //! particle index, the quadratic weight is evaluated in the lane. Transforms are kept as what they add to the identity, so
 //! a hair at rest is reproduced exactly.
 
-use crate::kernels::{self, run};
+use crate::kernels::{self, LANES, run};
 use crate::offset::Return;
 use crate::solid_in_head::Frame;
 use io_formats::guide_transform::{Blend, DisplacementTransform};
@@ -21,10 +21,27 @@ const TRANSLATION: usize = 9;
 
 /// Particle count padded to whole vectors.
 pub(crate) fn padded(n_particles: usize) -> usize {
-    n_particles.next_multiple_of(kernels::LANES)
+    n_particles.next_multiple_of(LANES)
 }
 
-/// Current transforms of all guides: guide-major, then [`ARRAYS`] arrays of `pad` values; padding repeats the tip.
+/// How far a guide moves what it leads in a step.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Travelled {
+    /// Its own particles, cm.
+    pub moved: f32,
+    /// More for each centimetre from them.
+    pub turned: f32,
+}
+
+impl Travelled {
+    /// The most that it moves what rests at most `farthest` cm from its own particles, cm.
+    pub(crate) fn within(self, farthest: f32) -> f32 {
+        self.moved + self.turned * farthest
+    }
+}
+
+/// Current transforms of all guides: guide-major, then by [`LANES`] particles, then [`ARRAYS`] rows of that many values, so that what
+/// eight particles need of a guide lies in one piece; padding repeats the tip.
 #[derive(Clone, Debug)]
 pub(crate) struct TransformArrays {
     pub pad: usize,
@@ -44,8 +61,10 @@ impl TransformArrays {
         &self.values
     }
 
-    pub(crate) fn of_guide(&self, guide: usize) -> &[f32] {
-        &self.values[guide * ARRAYS * self.pad..(guide + 1) * ARRAYS * self.pad]
+    /// Where value `array` of a guide's particle is.
+    fn index(&self, guide: usize, array: usize, particle: usize) -> usize {
+        let block = guide * (self.pad / LANES) + particle / LANES;
+        (block * ARRAYS + array) * LANES + particle % LANES
     }
 
     /// Takes over another head's transforms of the same size.
@@ -54,53 +73,62 @@ impl TransformArrays {
         self.values.copy_from_slice(&other.values);
     }
 
-    /// The farthest that a guide's transforms can have moved anything they lead since `before`, cm: particles at rest at most
-    /// `farthest` from the guide's own, which rest in `rest`.
-    pub(crate) fn travel_since(&self, before: &Self, guide: usize, rest: &[[f32; 3]], farthest: f32) -> f32 {
-        let (now, old) = (self.of_guide(guide), before.of_guide(guide));
-        let change = |k: usize, i: usize| now[k * self.pad + i] - old[k * self.pad + i];
-        let mut most = 0.0f32;
-        for (i, r) in rest.iter().enumerate() {
-            let (mut moved, mut turned) = (0.0, 0.0);
-            for row in 0..3 {
-                let mut own = change(TRANSLATION + row, i);
-                if self.turning {
-                    for col in 0..3 {
-                        let linear = change(3 * row + col, i);
-                        own += linear * r[col];
-                        turned += linear * linear;
-                    }
-                }
-                moved += own * own;
+    /// How far a guide has moved its own particles since `before`, which rest in `rest`, seen from what `carries` moves meanwhile; and
+    /// how much farther for each centimetre that a particle rests from the guide's own: at most, cm and 1.
+    pub(crate) fn travel_since(&self, before: &Self, guide: usize, rest: &[[f32; 3]], carries: &Frame) -> Travelled {
+        let mut moved2 = 0.0f32;
+        let mut turned2 = 0.0f32;
+        for (i, &r) in rest.iter().enumerate() {
+            let (now, old) = (self.place(guide, i, r), carries.point(before.place(guide, i, r)));
+            moved2 = moved2.max((0..3).map(|c| (now[c] - old[c]) * (now[c] - old[c])).sum());
+            let mut turned = 0.0;
+            for col in 0..3 {
+                let (now, old) = (self.column(guide, i, col), carries.vector(before.column(guide, i, col)));
+                turned += (0..3).map(|c| (now[c] - old[c]) * (now[c] - old[c])).sum::<f32>();
             }
-            // The largest stretch of a difference of rotations is its Frobenius norm over the root of two.
-            most = most.max(moved.sqrt() + (0.5f32 * turned).sqrt() * farthest);
+            turned2 = turned2.max(turned);
         }
-        most
+        // The largest stretch of a difference of rotations is its Frobenius norm over the root of two.
+        Travelled { moved: moved2.sqrt(), turned: (0.5 * turned2).sqrt() }
+    }
+
+    /// Where a guide's transform at a particle takes a point of the head at rest.
+    fn place(&self, guide: usize, particle: usize, rest: [f32; 3]) -> [f32; 3] {
+        let value = |array: usize| self.values[self.index(guide, array, particle)];
+        std::array::from_fn(|row| {
+            let linear: f32 = (0..3).map(|col| value(3 * row + col) * rest[col]).sum();
+            rest[row] + linear + value(TRANSLATION + row)
+        })
+    }
+
+    /// Column of the rotation of a guide's transform.
+    fn column(&self, guide: usize, particle: usize, col: usize) -> [f32; 3] {
+        std::array::from_fn(|row| {
+            self.values[self.index(guide, 3 * row + col, particle)] + if row == col { 1.0 } else { 0.0 }
+        })
     }
 
     /// [`Self::set_guide`] of a guide that only moves what is near it: what its particles have moved by, cm.
     pub(crate) fn set_guide_moved(&mut self, guide: usize, rest: &[[f32; 3]], current: &[[f32; 3]]) {
-        let (pad, last) = (self.pad, rest.len() - 1);
-        let arrays = &mut self.values[guide * ARRAYS * pad..(guide + 1) * ARRAYS * pad];
-        for (c, array) in arrays[TRANSLATION * pad..].chunks_exact_mut(pad).enumerate() {
-            for (i, out) in array.iter_mut().enumerate() {
-                let i = i.min(last);
-                *out = current[i][c] - rest[i][c];
+        for i in 0..self.pad {
+            let from = i.min(rest.len() - 1);
+            for c in 0..3 {
+                let at = self.index(guide, TRANSLATION + c, i);
+                self.values[at] = current[from][c] - rest[from][c];
             }
         }
     }
 
     pub(crate) fn set_guide(&mut self, guide: usize, transforms: &[DisplacementTransform]) {
-        let pad = self.pad;
-        let arrays = &mut self.values[guide * ARRAYS * pad..(guide + 1) * ARRAYS * pad];
-        for i in 0..pad {
+        for i in 0..self.pad {
             let t = &transforms[i.min(transforms.len() - 1)];
             for row in 0..3 {
                 for col in 0..3 {
-                    arrays[(3 * row + col) * pad + i] = t.linear[row][col];
+                    let at = self.index(guide, 3 * row + col, i);
+                    self.values[at] = t.linear[row][col];
                 }
-                arrays[(9 + row) * pad + i] = t.offset[row];
+                let at = self.index(guide, TRANSLATION + row, i);
+                self.values[at] = t.offset[row];
             }
         }
     }

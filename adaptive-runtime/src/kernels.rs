@@ -3,7 +3,7 @@
 //! A strand is three arrays of `pad` values, a multiple of [`LANES`]. Each kernel is the plain loop that its comment states, in the order of the particles;
 //! instructions are chosen when the program runs.
 
-use crate::interpolate::{ActiveSet, TransformArrays};
+use crate::interpolate::{ARRAYS, ActiveSet, MAX_PARTICLES, TransformArrays};
 use crate::offset::Return;
 use crate::solid_in_head::Frame;
 use pulp::{Arch, Simd, WithSimd};
@@ -42,53 +42,78 @@ impl WithSimd for Blend<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { rest, u, set, transforms, out } = self;
-        let k = transforms.pad / S::F32_LANES;
-        let (rest, u, out) = (&vectors::<S>(rest)[..3 * k], &vectors::<S>(u)[..k], &mut vectors_mut::<S>(out)[..3 * k]);
-        let arrays = vectors::<S>(transforms.all());
-        let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
-        let n = usize::from(set.n).min(set.guides.len());
-        for i in 0..k {
-            let [x, y, z] = [rest[i], rest[k + i], rest[2 * k + i]];
-            let (mut sum, mut mx, mut my, mut mz) = (zero, zero, zero, zero);
-            for b in 0..n {
-                let poly = set.weights[b];
-                let (quad, lin, con) =
-                    (simd.splat_f32s(poly.quad), simd.splat_f32s(poly.lin), simd.splat_f32s(poly.con));
-                let w = simd.mul_add_f32s(simd.mul_add_f32s(quad, u[i], lin), u[i], con);
-                let w = simd.max_f32s(w, zero);
-                sum = simd.add_f32s(sum, w);
-                let guide = &arrays[usize::from(set.guides[b]) * crate::interpolate::ARRAYS * k..];
-                let guide = &guide[..crate::interpolate::ARRAYS * k];
-                let (mut tx, mut ty, mut tz) = (guide[9 * k + i], guide[10 * k + i], guide[11 * k + i]);
-                if transforms.turning {
-                    tx = simd.mul_add_f32s(
-                        guide[i],
-                        x,
-                        simd.mul_add_f32s(guide[k + i], y, simd.mul_add_f32s(guide[2 * k + i], z, tx)),
-                    );
-                    ty = simd.mul_add_f32s(
-                        guide[3 * k + i],
-                        x,
-                        simd.mul_add_f32s(guide[4 * k + i], y, simd.mul_add_f32s(guide[5 * k + i], z, ty)),
-                    );
-                    tz = simd.mul_add_f32s(
-                        guide[6 * k + i],
-                        x,
-                        simd.mul_add_f32s(guide[7 * k + i], y, simd.mul_add_f32s(guide[8 * k + i], z, tz)),
-                    );
-                }
-                mx = simd.mul_add_f32s(w, tx, mx);
-                my = simd.mul_add_f32s(w, ty, my);
-                mz = simd.mul_add_f32s(w, tz, mz);
-            }
-            // Without a weight the strand stays at rest.
-            let weighs = simd.greater_than_f32s(sum, zero);
-            let scale = simd.select_f32s(weighs, simd.div_f32s(one, sum), zero);
-            out[i] = simd.mul_add_f32s(mx, scale, x);
-            out[k + i] = simd.mul_add_f32s(my, scale, y);
-            out[2 * k + i] = simd.mul_add_f32s(mz, scale, z);
+        if transforms.turning {
+            blend::<S, true>(simd, rest, u, set, transforms, out);
+        } else {
+            blend::<S, false>(simd, rest, u, set, transforms, out);
         }
     }
+}
+
+#[inline(always)]
+fn blend<S: Simd, const TURNING: bool>(
+    simd: S,
+    rest: &[f32],
+    u: &[f32],
+    set: &ActiveSet,
+    transforms: &TransformArrays,
+    out: &mut [f32],
+) {
+    // Vectors to a block of transforms: one where the machine's are as long as the blocks.
+    let split = LANES / S::F32_LANES;
+    let k = transforms.pad / S::F32_LANES;
+    let [x, y, z] = thirds(&vectors::<S>(rest)[..3 * k]);
+    let [out_x, out_y, out_z] = thirds_mut(&mut vectors_mut::<S>(out)[..3 * k]);
+    let (blocks, n_blocks) = (vectors::<S>(transforms.all()), transforms.pad / LANES);
+    let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
+    let n = usize::from(set.n).min(set.guides.len());
+    let (guides, weights) = (&set.guides[..n], &set.weights[..n]);
+    let lanes = x.iter().zip(y).zip(z).zip(&vectors::<S>(u)[..k]);
+    let out = out_x.iter_mut().zip(out_y).zip(out_z);
+    for (i, ((((x, y), z), u), ((out_x, out_y), out_z))) in lanes.zip(out).enumerate() {
+        let (mut sum, mut mx, mut my, mut mz) = (zero, zero, zero, zero);
+        for (guide, poly) in guides.iter().zip(weights) {
+            let (quad, lin, con) = (simd.splat_f32s(poly.quad), simd.splat_f32s(poly.lin), simd.splat_f32s(poly.con));
+            let w = simd.mul_add_f32s(simd.mul_add_f32s(quad, *u, lin), *u, con);
+            let w = simd.max_f32s(w, zero);
+            sum = simd.add_f32s(sum, w);
+            let block = (usize::from(*guide) * n_blocks + i / split) * ARRAYS * split;
+            let block = &blocks[block..block + ARRAYS * split];
+            let row = |array: usize| block[array * split + i % split];
+            let (mut tx, mut ty, mut tz) = (row(9), row(10), row(11));
+            if TURNING {
+                let turned = |first: usize, shift| {
+                    let z = simd.mul_add_f32s(row(first + 2), *z, shift);
+                    simd.mul_add_f32s(row(first), *x, simd.mul_add_f32s(row(first + 1), *y, z))
+                };
+                (tx, ty, tz) = (turned(0, tx), turned(3, ty), turned(6, tz));
+            }
+            mx = simd.mul_add_f32s(w, tx, mx);
+            my = simd.mul_add_f32s(w, ty, my);
+            mz = simd.mul_add_f32s(w, tz, mz);
+        }
+        // Without a weight the strand stays at rest.
+        let weighs = simd.greater_than_f32s(sum, zero);
+        let scale = simd.select_f32s(weighs, simd.div_f32s(one, sum), zero);
+        *out_x = simd.mul_add_f32s(mx, scale, *x);
+        *out_y = simd.mul_add_f32s(my, scale, *y);
+        *out_z = simd.mul_add_f32s(mz, scale, *z);
+    }
+}
+
+/// The three coordinates of a strand.
+#[inline(always)]
+fn thirds<T>(values: &[T]) -> [&[T]; 3] {
+    let (x, rest) = values.split_at(values.len() / 3);
+    let (y, z) = rest.split_at(x.len());
+    [x, y, z]
+}
+
+#[inline(always)]
+fn thirds_mut<T>(values: &mut [T]) -> [&mut [T]; 3] {
+    let (x, rest) = values.split_at_mut(values.len() / 3);
+    let (y, z) = rest.split_at_mut(x.len());
+    [x, y, z]
 }
 
 /// [`Blend`], then the offset after some time, then a rigid motion where there is one, as points x, y, z.
@@ -118,23 +143,72 @@ impl WithSimd for Points<'_> {
         if let Some(frame) = self.frame {
             let k = pad / S::F32_LANES;
             let x = &mut vectors_mut::<S>(out)[..3 * k];
-            let rows = [frame.row(0), frame.row(1), frame.row(2)];
             for i in 0..k {
-                let from = [x[i], x[k + i], x[2 * k + i]];
-                for c in 0..3 {
-                    let (turn, shift) = rows[c];
-                    let mut sum = simd.splat_f32s(shift);
-                    for d in 0..3 {
-                        sum = simd.mul_add_f32s(simd.splat_f32s(turn[d]), from[d], sum);
-                    }
-                    x[c * k + i] = sum;
-                }
+                let moved = moved(simd, frame, [x[i], x[k + i], x[2 * k + i]]);
+                (x[i], x[k + i], x[2 * k + i]) = moved.into();
             }
         }
         let (x, rest) = out.split_at(pad);
         let (y, z) = rest.split_at(pad);
-        for (((p, x), y), z) in self.points.chunks_exact_mut(3).zip(x).zip(y).zip(z) {
-            (p[0], p[1], p[2]) = (*x, *y, *z);
+        let n_values = self.points.len();
+        let mut blocks = self.points.chunks_exact_mut(3 * LANES);
+        for (i, block) in blocks.by_ref().enumerate() {
+            // Written out whole, so that it becomes shuffles and whole stores.
+            let [x, y, z]: [[f32; LANES]; 3] = [lanes(x, i), lanes(y, i), lanes(z, i)];
+            let points: [f32; 3 * LANES] = std::array::from_fn(|k| match k % 3 {
+                0 => x[k / 3],
+                1 => y[k / 3],
+                _ => z[k / 3],
+            });
+            block.copy_from_slice(&points);
+        }
+        let rest = blocks.into_remainder();
+        let first = (n_values - rest.len()) / 3;
+        for (k, p) in rest.chunks_exact_mut(3).enumerate() {
+            (p[0], p[1], p[2]) = (x[first + k], y[first + k], z[first + k]);
+        }
+    }
+}
+
+/// Values of one vector.
+#[inline(always)]
+fn lanes(values: &[f32], vector: usize) -> [f32; LANES] {
+    let from = &values[vector * LANES..(vector + 1) * LANES];
+    std::array::from_fn(|l| from[l])
+}
+
+/// A rigid motion of points given by coordinate.
+#[inline(always)]
+fn moved<S: Simd>(simd: S, frame: &Frame, from: [S::f32s; 3]) -> [S::f32s; 3] {
+    let row = |r: usize| {
+        let (turn, shift) = frame.row(r);
+        let mut sum = simd.splat_f32s(shift);
+        for d in 0..3 {
+            sum = simd.mul_add_f32s(simd.splat_f32s(turn[d]), from[d], sum);
+        }
+        sum
+    };
+    [row(0), row(1), row(2)]
+}
+
+/// `out = frame(x)`: a strand in another frame.
+pub(crate) struct Turn<'a> {
+    pub frame: &'a Frame,
+    pub x: &'a [f32],
+    pub out: &'a mut [f32],
+}
+
+impl WithSimd for Turn<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let x = vectors::<S>(self.x);
+        let out = &mut vectors_mut::<S>(self.out)[..x.len()];
+        let k = x.len() / 3;
+        for i in 0..k {
+            let moved = moved(simd, self.frame, [x[i], x[k + i], x[2 * k + i]]);
+            (out[i], out[k + i], out[2 * k + i]) = moved.into();
         }
     }
 }
@@ -206,22 +280,26 @@ impl WithSimd for StepFreely<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { rows, first, pad, keeps, carries, skin, offset, velocity, x } = self;
         let k = pad / S::F32_LANES;
-        let (rows, skin, x) = (vectors::<S>(rows), vectors::<S>(skin), vectors_mut::<S>(x));
-        let (dx, rest) = offset.split_at(pad);
-        let (dy, dz) = rest.split_at(pad);
-        let (vx, rest) = velocity.split_at(pad);
-        let (vy, vz) = rest.split_at(pad);
-        let n_rows = (rows.len() / k).min(pad - first);
+        let mut right = [0.0f32; 3 * MAX_PARTICLES];
+        let right = &mut right[..3 * pad];
+        let (keeps, carries) = (simd.splat_f32s(keeps), simd.splat_f32s(carries));
+        let pairs = vectors::<S>(offset).iter().zip(vectors::<S>(velocity));
+        for (r, (d, v)) in vectors_mut::<S>(right).iter_mut().zip(pairs) {
+            *r = simd.mul_add_f32s(keeps, *d, simd.mul_f32s(carries, *v));
+        }
+        let [right_x, right_y, right_z] = thirds(right).map(|r| &r[first.min(pad)..]);
+        let [skin_x, skin_y, skin_z] = thirds(&vectors::<S>(skin)[..3 * k]);
+        let [x, y, z] = thirds_mut(&mut vectors_mut::<S>(x)[..3 * k]);
+        let rows = vectors::<S>(rows);
         for i in 0..k {
-            let (mut sx, mut sy, mut sz) = (skin[i], skin[k + i], skin[2 * k + i]);
-            for j in 0..n_rows {
-                let (row, p) = (rows[j * k + i], first + j);
-                let right = |d: &[f32], v: &[f32]| simd.splat_f32s(keeps * d[p] + carries * v[p]);
-                sx = simd.mul_add_f32s(right(dx, vx), row, sx);
-                sy = simd.mul_add_f32s(right(dy, vy), row, sy);
-                sz = simd.mul_add_f32s(right(dz, vz), row, sz);
+            let (mut sx, mut sy, mut sz) = (skin_x[i], skin_y[i], skin_z[i]);
+            let column = rows[i..].iter().step_by(k).zip(right_x).zip(right_y).zip(right_z);
+            for (((row, x), y), z) in column {
+                sx = simd.mul_add_f32s(simd.splat_f32s(*x), *row, sx);
+                sy = simd.mul_add_f32s(simd.splat_f32s(*y), *row, sy);
+                sz = simd.mul_add_f32s(simd.splat_f32s(*z), *row, sz);
             }
-            (x[i], x[k + i], x[2 * k + i]) = (sx, sy, sz);
+            (x[i], y[i], z[i]) = (sx, sy, sz);
         }
     }
 }

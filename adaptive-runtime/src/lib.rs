@@ -37,6 +37,6 @@ pub use params::{
     AssignParams, CliqueRule, Correction, DftlParams, EdgeDistance, GuideIntegrator, ResidualParams, RuntimeParams,
     TwoWayParams, TwoWaySolve, WeightRule,
 };
-pub use runtime::Runtime;
+pub use runtime::{Runtime, neighbours_together};
 pub use step::{StepInput, StepReport};
 pub use timings::StageTimings;

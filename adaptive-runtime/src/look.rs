@@ -1,21 +1,22 @@
-//! Where a strand is near a solid: all places at which its distance is least, from as few samples as will tell.
+//! Where strands are near a solid: walks along many strands at once, in steps that grow with the distance.
 //!
-//! A distance changes by at most the length walked, so the distances at the ends of a stretch bound all between them. Stretches that the
-//! bound does not clear are divided: runs of segments by halves, then segments into quarters and quarters again, down to the spacing at which
-//! the solid is sampled. Samples of one division are taken together. What is not divided further is surely farther than was asked.
+//! A distance changes by at most the length walked. So what lies between two places is surely farther than half of their distances
+//! together less the length between them, and a walk may take long steps far from the solid and short ones near it. The walks
+//! of a group of strands advance together: the samples of one round are taken in one batch, which is what makes
+//! them cheap. Each strand's walk is its own, so what is found does not depend on the strands beside it.
 
-use crate::solid_in_head::{Frame, particle};
+use crate::solid_in_head::particle;
 use collision::{Samples, SignedDistanceField};
 use nalgebra::Vector3;
 
-/// Runs of at most so many segments are marked as one.
-const SHORT_RUN: usize = 2;
+/// Length of a step as a share of the distance: a place where the distance is least is that much off at most.
+const STEP_OVER_DISTANCE: f32 = 0.5;
 
-/// Parts that a segment, and again a part of it, is divided into.
-const PARTS: usize = 4;
+/// Most steps to a segment: guards against a spacing of zero.
+const MOST_STEPS: f32 = 64.0;
 
-/// Most divisions: guards against a spacing of zero.
-const MOST_DIVISIONS: usize = 4;
+/// Square of the slope below which a sample has no direction of its own.
+const LEAST_SLOPE2: f32 = 1e-4;
 
 /// A place where a strand's distance to a solid is least among its neighbours.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -29,213 +30,288 @@ pub(crate) struct Nearest {
     pub normal: [f32; 3],
 }
 
-/// Buffers of a worker.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Look {
-    point: [Vec<f32>; 3],
-    distance: Vec<f32>,
-    gradient: [Vec<f32>; 3],
-    /// Samples of the division at work: place along the strand in particles, and index of the sample.
-    along: Vec<(f32, u32)>,
-    next: Vec<(f32, u32)>,
-    /// What was found, root first.
-    pub found: Vec<Nearest>,
-}
-
-/// The strand and the solid looked at.
+/// The solid looked at, and how closely.
 #[derive(Clone, Copy)]
 pub(crate) struct Sight<'a> {
     pub field: &'a SignedDistanceField,
-    pub solid_from_head: Frame,
     /// Particles that count.
     pub first: usize,
     pub end: usize,
-    /// Bound on the length of a segment, cm.
-    pub longest: f32,
     /// Distance below which places are wanted, cm.
     pub reach: f32,
     /// Distance between samples where the solid is near, cm.
     pub spacing: f32,
 }
 
-/// A strand as three arrays of `pad` values, head frame, cm.
+/// Strands in the solid's frame: each three arrays of `pad` values, cm.
 #[derive(Clone, Copy)]
 pub(crate) struct Particles<'a> {
     pub x: &'a [f32],
     pub pad: usize,
 }
 
-impl Sight<'_> {
-    /// Particle `i` in the solid's frame.
-    #[inline(always)]
-    fn at(&self, strand: Particles, i: usize) -> [f32; 3] {
-        self.solid_from_head.point(particle(strand.x, strand.pad, i))
+/// A walk along one strand.
+#[derive(Clone, Copy, Debug)]
+struct Walk {
+    strand: u32,
+    /// Place of the next sample, in particles.
+    along: f32,
+    /// Bound on the length of a segment, cm.
+    longest: f32,
+    /// Place of the last sample, and the distances at it and at the one before.
+    last_along: f32,
+    last: f32,
+    before: f32,
+}
+
+impl Walk {
+    /// Whether the last sample is less than the one before, and not more than the next.
+    fn is_least(&self, next: f32) -> bool {
+        !(self.before <= self.last || next < self.last)
     }
+}
+
+/// Buffers of a worker.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Look {
+    walks: Vec<Walk>,
+    /// What was found: strand, and place along it in particles.
+    found: Vec<(u32, f32)>,
+    point: [Vec<f32>; 3],
+    distance: Vec<f32>,
+    gradient: [Vec<f32>; 3],
 }
 
 impl Look {
-    /// Marks the segments (bit j: from particle j to the next) that may be nearer than `within` cm; returns a lower bound of the
-    /// distance of all others, cm.
-    pub(crate) fn marks(sight: &Sight, strand: Particles, within: f32) -> (u64, f32) {
-        let bound = |i: usize| sight.field.lower_bound(Vector3::from(sight.at(strand, i)));
-        let (mut marked, mut clear) = (0u64, f32::INFINITY);
-        // Runs still to be cleared: both ends with their bounds. Halving 64 segments leaves at most seven.
-        let mut runs = [(0usize, 0usize, 0.0f32, 0.0f32); 8];
-        let last = sight.end - 1;
-        runs[0] = (sight.first, last, bound(sight.first), bound(last));
-        let mut n_runs = 1;
-        while n_runs > 0 {
-            n_runs -= 1;
-            let (a, b, at_a, at_b) = runs[n_runs];
-            // Not a number clears nothing.
-            let least = 0.5 * (at_a + at_b - (b - a) as f32 * sight.longest);
-            if least > within {
-                clear = clear.min(least);
-            } else if b - a <= SHORT_RUN {
-                marked |= ((1u64 << (b - a)) - 1) << a;
-            } else {
-                let middle = usize::midpoint(a, b);
-                let at_middle = bound(middle);
-                runs[n_runs] = (middle, b, at_middle, at_b);
-                runs[n_runs + 1] = (a, middle, at_a, at_middle);
-                n_runs += 2;
-            }
-        }
-        (marked, clear)
-    }
-
-    /// Finds all places of the marked segments nearer than the reach, in `found`; returns a lower bound of the distance of the rest of
-    /// them, cm.
-    pub(crate) fn at_strand(&mut self, sight: &Sight, strand: Particles, marked: u64) -> f32 {
+    /// Calls `found` with every place of strand `i` (root first) that is nearer than the reach and than the places beside it, and lowers
+    /// `clear[i]` (cm) to what all else is surely not nearer than. `longest[i]` (cm) bounds the length of its segments.
+    pub(crate) fn along(
+        &mut self,
+        sight: &Sight,
+        strands: Particles,
+        longest: &[f32],
+        clear: &mut [f32],
+        found: &mut impl FnMut(usize, Nearest),
+    ) {
+        let Sight { field, first, end, reach, spacing } = *sight;
+        let last = (end - 1) as f32;
         self.found.clear();
-        self.clear_samples();
-        for i in sight.first..sight.end {
-            let beside = (marked >> i & 1) | if i > 0 { marked >> (i - 1) & 1 } else { 0 };
-            if beside == 1 {
-                self.add(i as f32, sight.at(strand, i));
+        self.walks.clear();
+        self.walks.extend(longest.iter().enumerate().map(|(strand, &longest)| Walk {
+            strand: strand as u32,
+            along: first as f32,
+            longest,
+            last_along: f32::NAN,
+            last: f32::INFINITY,
+            before: f32::INFINITY,
+        }));
+        while !self.walks.is_empty() {
+            let n = self.walks.len();
+            self.fit(n);
+            for (k, walk) in self.walks.iter().enumerate() {
+                let point = strands.at(walk.strand as usize, walk.along, end);
+                (0..3).for_each(|c| self.point[c][k] = point[c]);
             }
-        }
-        let mut clear = f32::INFINITY;
-        if self.along.is_empty() {
-            return clear;
-        }
-        self.sample(sight.field, 0);
-        let mut spacing = sight.longest;
-        for _ in 0..MOST_DIVISIONS {
-            clear = clear.min(self.divide(sight, marked, spacing));
-            spacing /= PARTS as f32;
-            if spacing <= sight.spacing {
-                break;
-            }
-        }
-        self.keep_least(sight);
-        clear
-    }
-
-    fn clear_samples(&mut self) {
-        self.point.iter_mut().chain(&mut self.gradient).for_each(Vec::clear);
-        self.distance.clear();
-        self.along.clear();
-    }
-
-    #[inline(always)]
-    fn add(&mut self, along: f32, p: [f32; 3]) {
-        self.along.push((along, self.point[0].len() as u32));
-        for c in 0..3 {
-            self.point[c].push(p[c]);
-        }
-    }
-
-    /// Samples all places from `first` on.
-    fn sample(&mut self, field: &SignedDistanceField, first: usize) {
-        let n = self.point[0].len();
-        self.distance.resize(n, 0.0);
-        self.gradient.iter_mut().for_each(|g| g.resize(n, 0.0));
-        let [x, y, z] = &self.point;
-        let [gx, gy, gz] = &mut self.gradient;
-        field.sample(
-            [&x[first..], &y[first..], &z[first..]],
-            &mut Samples {
-                distance: &mut self.distance[first..],
-                gradient: [&mut gx[first..], &mut gy[first..], &mut gz[first..]],
-            },
-        );
-    }
-
-    /// Divides every stretch between neighbouring samples, at most `spacing` cm long, that may hold something nearer than the reach; returns the
-    /// bound of the others.
-    fn divide(&mut self, sight: &Sight, marked: u64, spacing: f32) -> f32 {
-        let mut clear = f32::INFINITY;
-        let first = self.point[0].len();
-        let mut next = std::mem::take(&mut self.next);
-        next.clear();
-        for k in 0..self.along.len() {
-            let (t, index) = self.along[k];
-            next.push((t, index));
-            let Some(&(u, other)) = self.along.get(k + 1) else { break };
-            // Between marked segments there is nothing to divide.
-            if u - t > 1.0 || marked >> t as u32 & 1 == 0 {
-                continue;
-            }
-            let (i, j) = (index as usize, other as usize);
-            let sure = |i: usize| sight.field.surely(self.distance[i]);
-            let least = 0.5 * (sure(i) + sure(j) - spacing);
-            if least > sight.reach {
-                clear = clear.min(least);
-                continue;
-            }
-            for part in 1..PARTS {
-                let share = part as f32 / PARTS as f32;
-                let mut p = [0.0; 3];
-                for c in 0..3 {
-                    p[c] = self.point[c][i] + (self.point[c][j] - self.point[c][i]) * share;
+            self.sample(field, n);
+            let mut kept = 0;
+            for k in 0..n {
+                let (mut walk, distance) = (self.walks[k], self.distance[k]);
+                if walk.last < reach && walk.is_least(distance) {
+                    self.found.push((walk.strand, walk.last_along));
                 }
-                next.push((t + (u - t) * share, self.point[0].len() as u32));
-                for c in 0..3 {
-                    self.point[c].push(p[c]);
+                let sure = field.surely(distance);
+                if !(walk.last < reach && distance < reach) && walk.last_along >= 0.0 {
+                    let length = (walk.along - walk.last_along) * walk.longest;
+                    let clear = &mut clear[walk.strand as usize];
+                    *clear = clear.min(0.5 * (field.surely(walk.last) + sure - length));
                 }
+                if distance.is_nan() {
+                    // Not a number clears nothing.
+                    clear[walk.strand as usize] = f32::NEG_INFINITY;
+                }
+                (walk.before, walk.last, walk.last_along) = (walk.last, distance, walk.along);
+                if walk.along >= last {
+                    if distance < reach && walk.is_least(f32::INFINITY) {
+                        self.found.push((walk.strand, walk.along));
+                    }
+                    continue;
+                }
+                let step = spacing.max(STEP_OVER_DISTANCE * sure).max(sure - reach) / walk.longest;
+                walk.along = (walk.along + step.max(1.0 / MOST_STEPS)).min(last);
+                self.walks[kept] = walk;
+                kept += 1;
             }
+            self.walks.truncate(kept);
         }
-        std::mem::swap(&mut self.along, &mut next);
-        self.next = next;
-        if self.point[0].len() > first {
-            self.sample(sight.field, first);
-        }
-        clear
+        self.tell(sight, strands, found);
     }
 
-    /// Keeps the samples that no neighbour is nearer than.
-    fn keep_least(&mut self, sight: &Sight) {
-        for k in 0..self.along.len() {
-            let (t, index) = self.along[k];
-            let i = index as usize;
-            let distance = self.distance[i];
-            if distance >= sight.reach || distance.is_nan() {
-                continue;
-            }
-            let nearer = |other: Option<&(f32, u32)>, or_equal: bool| {
-                other.is_some_and(|&(u, j)| {
-                    let d = self.distance[j as usize];
-                    (u - t).abs() <= 1.0 && (d < distance || (or_equal && d == distance))
-                })
-            };
-            if nearer(k.checked_sub(1).and_then(|k| self.along.get(k)), true) || nearer(self.along.get(k + 1), false) {
-                continue;
-            }
-            let gradient = [self.gradient[0][i], self.gradient[1][i], self.gradient[2][i]];
-            let length2 = gradient[0] * gradient[0] + gradient[1] * gradient[1] + gradient[2] * gradient[2];
-            let point = [self.point[0][i], self.point[1][i], self.point[2][i]];
+    /// Samples what was found once more, now for its normals too.
+    fn tell(&mut self, sight: &Sight, strands: Particles, found: &mut impl FnMut(usize, Nearest)) {
+        let n = self.found.len();
+        self.fit(n);
+        for (k, &(strand, along)) in self.found.iter().enumerate() {
+            let point = strands.at(strand as usize, along, sight.end);
+            (0..3).for_each(|c| self.point[c][k] = point[c]);
+        }
+        self.sample(sight.field, n);
+        for (k, &(strand, along)) in self.found.iter().enumerate() {
+            let point = [self.point[0][k], self.point[1][k], self.point[2][k]];
+            let g = [self.gradient[0][k], self.gradient[1][k], self.gradient[2][k]];
+            let length2 = g[0] * g[0] + g[1] * g[1] + g[2] * g[2];
             let normal = if length2 > LEAST_SLOPE2 {
-                let scale = 1.0 / length2.sqrt();
-                [gradient[0] * scale, gradient[1] * scale, gradient[2] * scale]
+                g.map(|x| x / length2.sqrt())
             } else {
                 sight.field.outward_normal(Vector3::from(point)).1.into()
             };
-            let segment = (t as usize).min(sight.end - 2);
-            self.found.push(Nearest { segment: segment as u16, s: t - segment as f32, distance, point, normal });
+            let segment = (along as usize).min(sight.end - 2);
+            let s = along - segment as f32;
+            let distance = self.distance[k];
+            found(strand as usize, Nearest { segment: segment as u16, s, distance, point, normal });
         }
+    }
+
+    fn fit(&mut self, n: usize) {
+        if self.distance.len() < n {
+            self.distance.resize(n, 0.0);
+            self.point.iter_mut().chain(&mut self.gradient).for_each(|v| v.resize(n, 0.0));
+        }
+    }
+
+    /// Samples the first `n` places.
+    fn sample(&mut self, field: &SignedDistanceField, n: usize) {
+        let [x, y, z] = &self.point;
+        let [gx, gy, gz] = &mut self.gradient;
+        field.sample(
+            [&x[..n], &y[..n], &z[..n]],
+            &mut Samples { distance: &mut self.distance[..n], gradient: [&mut gx[..n], &mut gy[..n], &mut gz[..n]] },
+        );
     }
 }
 
-/// Square of the slope below which a sample has no direction of its own.
-const LEAST_SLOPE2: f32 = 1e-4;
+impl Particles<'_> {
+    /// The point of a strand at a place along it, of `end` particles.
+    #[inline(always)]
+    fn at(&self, strand: usize, along: f32, end: usize) -> [f32; 3] {
+        let x = &self.x[strand * 3 * self.pad..(strand + 1) * 3 * self.pad];
+        let j = (along as usize).min(end - 2);
+        let s = along - j as f32;
+        let (a, b) = (particle(x, self.pad, j), particle(x, self.pad, j + 1));
+        std::array::from_fn(|c| a[c] + (b[c] - a[c]) * s)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_model::Noise;
+    use collision::{Shape, ShapeUnion, Solid};
+
+    const N: usize = 25;
+    const PAD: usize = 32;
+    const SPACING: f32 = 0.06;
+    const REACH: f32 = 0.3;
+    /// Places to a segment that the walk is compared with.
+    const DENSE: usize = 512;
+
+    fn comb() -> Solid {
+        let tooth = |k: i32| {
+            let x = 0.4 * k as f32;
+            Shape::capsule(Vector3::new(x, 0.0, 0.0), Vector3::new(x, 3.0, 0.0), 0.1)
+        };
+        let comb = ShapeUnion { shapes: (-8..=8).map(tooth).collect(), smoothing: 0.0 };
+        Solid::from_shape("comb", &comb, 0.025, 0.1, 0.3).unwrap()
+    }
+
+    /// Wavy strands across, along and away from a comb, in the solid's frame.
+    fn strands(count: usize) -> Vec<f32> {
+        let mut noise = Noise::new(5);
+        let mut signed = || 2.0 * noise.next() - 1.0;
+        let mut x = vec![0.0; count * 3 * PAD];
+        for strand in x.chunks_exact_mut(3 * PAD) {
+            let from: [f32; 3] = std::array::from_fn(|c| signed() * [8.0, 3.0, 8.0][c]);
+            let to: [f32; 3] = std::array::from_fn(|c| signed() * [3.0, 1.5, 0.6][c] + [0.0, 1.5, 0.0][c]);
+            let wave = 0.3 * signed();
+            for c in 0..3 {
+                for i in 0..PAD {
+                    let t = i.min(N - 1) as f32 / 10.0;
+                    strand[c * PAD + i] = from[c] + (to[c] - from[c]) * t + wave * (3.0 * t + c as f32).sin();
+                }
+            }
+        }
+        x
+    }
+
+    fn longest(strand: &[f32]) -> f32 {
+        (0..N - 1)
+            .map(|i| (Vector3::from(particle(strand, PAD, i)) - Vector3::from(particle(strand, PAD, i + 1))).norm())
+            .fold(0.0, f32::max)
+    }
+
+    fn looked_at(solid: &Solid, x: &[f32]) -> (Vec<Vec<Nearest>>, Vec<f32>) {
+        let longest: Vec<f32> = x.chunks_exact(3 * PAD).map(longest).collect();
+        let sight = Sight { field: &solid.sdf, first: 1, end: N, reach: REACH, spacing: SPACING };
+        let mut found = vec![Vec::new(); longest.len()];
+        let mut clear = vec![f32::INFINITY; longest.len()];
+        let mut look = Look::default();
+        look.along(&sight, Particles { x, pad: PAD }, &longest, &mut clear, &mut |i, near| found[i].push(near));
+        (found, clear)
+    }
+
+    #[test]
+    fn no_place_nearer_than_the_reach_is_without_one_found_and_all_else_is_as_far_as_said() {
+        let (solid, x) = (comb(), strands(300));
+        let (found, clear) = looked_at(&solid, &x);
+        let (mut n_near, mut n_clear) = (0, 0);
+        for ((strand, found), &clear) in x.chunks_exact(3 * PAD).zip(&found).zip(&clear) {
+            let step = longest(strand) / DENSE as f32;
+            // Stretches nearer than the reach: the least distance of each, and where it is.
+            let mut stretch: Option<(f32, f32)> = None;
+            for k in DENSE..=(N - 1) * DENSE {
+                let (j, s) = ((k / DENSE).min(N - 2), (k - (k / DENSE).min(N - 2) * DENSE) as f32 / DENSE as f32);
+                let (a, b) = (Vector3::from(particle(strand, PAD, j)), Vector3::from(particle(strand, PAD, j + 1)));
+                let d = solid.sdf.distance(a + (b - a) * s);
+                if d < REACH {
+                    let along = j as f32 + s;
+                    stretch = Some(stretch.filter(|best| best.0 <= d).unwrap_or((d, along)));
+                } else {
+                    assert!(clear <= d + step, "{clear} cleared, {d} there");
+                    n_clear += usize::from(clear > 0.5 * d);
+                }
+                let ends = d >= REACH || k == (N - 1) * DENSE;
+                if let Some((least, along)) = stretch.filter(|_| ends) {
+                    stretch = None;
+                    // Half a step to either side of the least lies a sample, unless the whole stretch is shorter.
+                    let off = 0.5 * SPACING.max(STEP_OVER_DISTANCE * REACH) + step;
+                    if least + off < REACH {
+                        n_near += 1;
+                        let close = |f: &&Nearest| {
+                            let apart = (f32::from(f.segment) + f.s - along).abs() * longest(strand);
+                            f.distance <= least + off && apart < 1.5
+                        };
+                        assert!(found.iter().any(|f| close(&f)), "{least} at {along}: {found:?}");
+                    }
+                }
+            }
+        }
+        assert!(n_near > 100 && n_clear > 10_000, "{n_near} {n_clear}: hardly tried");
+    }
+
+    #[test]
+    fn what_is_found_of_a_strand_does_not_depend_on_those_beside_it() {
+        let (solid, x) = (comb(), strands(40));
+        let (found, clear) = looked_at(&solid, &x);
+        for (i, strand) in x.chunks_exact(3 * PAD).enumerate() {
+            let (alone, clear_alone) = looked_at(&solid, strand);
+            assert_eq!((&alone[0], clear_alone[0].to_bits()), (&found[i], clear[i].to_bits()));
+        }
+    }
+
+    #[test]
+    fn a_strand_that_is_no_number_ends_the_walk_and_clears_nothing() {
+        let (solid, mut x) = (comb(), strands(1));
+        x.fill(f32::NAN);
+        let (found, clear) = looked_at(&solid, &x);
+        assert!(found[0].is_empty() && clear[0] == f32::NEG_INFINITY);
+    }
+}

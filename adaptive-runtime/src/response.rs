@@ -42,34 +42,10 @@ impl Response {
     /// Of strands of `n` particles in rows of `pad` values, for steps of `step_s`.
     pub(crate) fn new(n: usize, pad: usize, of: Elasticity, step_s: f64) -> Self {
         let free = n.saturating_sub(N_FIXED);
-        let Elasticity { spacing_cm: h, material, gravity_cm_per_s2, return_rate } = of;
-        let keeps = 1.0 / (step_s * step_s) + 2.0 * return_rate / step_s;
-        let mut matrix = DMatrix::<f64>::identity(free, free) * (keeps + return_rate * return_rate);
-        let mut add = |i: usize, j: usize, value: f64| {
-            if i >= N_FIXED && j >= N_FIXED {
-                matrix[(i - N_FIXED, j - N_FIXED)] += value;
-            }
-        };
-        for j in N_FIXED.saturating_sub(1)..n.saturating_sub(1) {
-            // The weight below the middle of the segment, over the particles' mass and spacing.
-            let string = gravity_cm_per_s2 * ((n - 1 - j) as f64 - 0.5) / h;
-            for (a, b, sign) in [(j, j, 1.0), (j + 1, j + 1, 1.0), (j, j + 1, -1.0), (j + 1, j, -1.0)] {
-                add(a, b, sign * string);
-            }
-        }
-        let mass = material.linear_density_g_per_cm * h;
-        let beam = BENDING_PER_SPRING * material.bend_dyn / (h * h * h * mass);
-        for i in N_FIXED..n.saturating_sub(1) {
-            const STENCIL: [f64; 3] = [1.0, -2.0, 1.0];
-            for a in 0..3 {
-                for b in 0..3 {
-                    add(i + a - 1, i + b - 1, beam * STENCIL[a] * STENCIL[b]);
-                }
-            }
-        }
+        let keeps = keeps(of.return_rate, step_s);
         let mut rows = vec![0.0; n * pad];
         // Inertia alone makes the matrix definite, so there is a factor.
-        if let Some(factor) = matrix.cholesky() {
+        if let Some(factor) = matrix(n, of, step_s).cholesky() {
             let inverse = factor.inverse();
             for i in 0..free {
                 for j in 0..free {
@@ -109,9 +85,46 @@ impl Response {
     }
 }
 
+/// Factor of the offset at the start: 1/h² + c/h.
+fn keeps(return_rate: f64, step_s: f64) -> f64 {
+    1.0 / (step_s * step_s) + 2.0 * return_rate / step_s
+}
+
+/// 1/h² + c/h + w² + K/m over the particles that move.
+fn matrix(n: usize, of: Elasticity, step_s: f64) -> DMatrix<f64> {
+    let free = n.saturating_sub(N_FIXED);
+    let Elasticity { spacing_cm: h, material, gravity_cm_per_s2, return_rate } = of;
+    let mut matrix = DMatrix::<f64>::identity(free, free) * (keeps(return_rate, step_s) + return_rate * return_rate);
+    let mut add = |i: usize, j: usize, value: f64| {
+        if i >= N_FIXED && j >= N_FIXED {
+            matrix[(i - N_FIXED, j - N_FIXED)] += value;
+        }
+    };
+    for j in N_FIXED.saturating_sub(1)..n.saturating_sub(1) {
+        // The weight below the middle of the segment, over the particles' mass and spacing.
+        let string = gravity_cm_per_s2 * ((n - 1 - j) as f64 - 0.5) / h;
+        for (a, b, sign) in [(j, j, 1.0), (j + 1, j + 1, 1.0), (j, j + 1, -1.0), (j + 1, j, -1.0)] {
+            add(a, b, sign * string);
+        }
+    }
+    let mass = material.linear_density_g_per_cm * h;
+    let beam = BENDING_PER_SPRING * material.bend_dyn / (h * h * h * mass);
+    for i in N_FIXED..n.saturating_sub(1) {
+        const STENCIL: [f64; 3] = [1.0, -2.0, 1.0];
+        for a in 0..3 {
+            for b in 0..3 {
+                add(i + a - 1, i + b - 1, beam * STENCIL[a] * STENCIL[b]);
+            }
+        }
+    }
+    matrix
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::test_model::Noise;
+    use nalgebra::DVector;
 
     const PAD: usize = 32;
 
@@ -150,6 +163,40 @@ mod tests {
             }
         }
         assert!(size < 1e-3);
+    }
+
+    #[test]
+    fn a_step_solves_its_equation_and_a_push_is_a_force_at_one_place() {
+        /// Of the right side, in single precision, times what sums of 23 terms lose.
+        const ROUND_OFF: f64 = 1e-5;
+        let material = Material::straight();
+        let mut noise = Noise::new(3);
+        for step_s in [0.01, 0.00125] {
+            let of = Elasticity { spacing_cm: 1.0, material: &material, gravity_cm_per_s2: 981.0, return_rate: 5.0 };
+            let (response, matrix) = (Response::new(25, PAD, of, step_s), matrix(25, of, step_s));
+            let free = |x: &[f32]| DVector::from_iterator(25 - N_FIXED, x[N_FIXED..25].iter().map(|&x| f64::from(x)));
+            let mut random = |size: f32| -> Vec<f32> { (0..3 * PAD).map(|_| size * (noise.next() - 0.5)).collect() };
+            let (offset, velocity) = (random(2.0), random(40.0));
+            let mut x = vec![0.0; 3 * PAD];
+            response.advance(&vec![0.0; 3 * PAD], &offset, &velocity, &mut x);
+            for c in 0..3 {
+                let part = |v: &[f32]| free(&v[c * PAD..(c + 1) * PAD]);
+                let right = part(&offset) * keeps(5.0, step_s) + part(&velocity) / step_s;
+                let residual = &matrix * part(&x) - &right;
+                assert!(residual.amax() < ROUND_OFF * right.amax(), "{} of {}", residual.amax(), right.amax());
+            }
+            // What moves a point is a force on the two particles beside it, shared as the point is.
+            let (segment, s) = (12, 0.3);
+            let mut x = vec![0.0; 3 * PAD];
+            response.push_at(segment, s, [0.2, 0.0, 0.0], &mut x);
+            let force = &matrix * free(&x[..PAD]);
+            let (a, b) = (force[segment - N_FIXED], force[segment + 1 - N_FIXED]);
+            assert!((a / (a + b) - 0.7).abs() < 1e-4, "{a} {b}");
+            for (i, f) in force.iter().enumerate() {
+                let at = i + N_FIXED;
+                assert!(at == segment || at == segment + 1 || f.abs() < 1e-4 * (a + b), "{at}: {f}");
+            }
+        }
     }
 
     #[test]

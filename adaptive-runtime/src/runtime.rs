@@ -2,16 +2,16 @@
 
 use crate::assign::{Assignment, best_set, decode};
 use crate::clusters::Clusters;
-use crate::correct::{Hold, MAX_SOLIDS, Work};
+use crate::correct::{Hold, MAX_SOLIDS};
 use crate::error::Error;
 use crate::graph::GuideGraph;
 use crate::guides::{Guides, material_of};
 use crate::hair_hair::HairHair;
-use crate::interpolate::{MAX_PARTICLES, TransformArrays, padded};
+use crate::interpolate::{MAX_PARTICLES, TransformArrays, Travelled, padded};
 use crate::offset::N_FIXED;
-use crate::params::RuntimeParams;
+use crate::params::{RuntimeParams, WeightRule};
 use crate::response::Response;
-use crate::strands::Strands;
+use crate::strands::{Strands, order};
 use crate::two_way::{ContactPoint, TwoWay};
 use collision::Solid;
 use io_formats::skinning_model::SkinningModel;
@@ -37,7 +37,7 @@ pub struct Runtime {
     pub(crate) guides: Guides,
     /// Guides' transforms before the last step.
     pub(crate) transforms_before: TransformArrays,
-    pub(crate) guide_travel: Vec<f32>,
+    pub(crate) travelled: Vec<Travelled>,
     pub(crate) graph: GuideGraph,
     pub(crate) clusters: Clusters,
     pub(crate) assignment: Assignment,
@@ -60,14 +60,28 @@ pub struct Runtime {
     pub(crate) skins: [Vec<f32>; 2],
 }
 
-/// Buffers of one part of the strands, the same whatever the number of threads.
+/// What one part of the strands met, the same whatever the number of threads.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Worker {
-    pub work: Work,
     pub holds: Vec<Hold>,
     pub near: u32,
     pub pushed: u32,
     pub lost: u32,
+}
+
+/// The same model with its strands in another order, those that follow the same guides together; and for each the strand it was.
+///
+/// A runtime steps and reads such a model faster than one in no order, by what its caches no longer miss. Positions then come in the order
+/// of the new model.
+///
+/// # Errors
+/// A model that breaks an invariant.
+pub fn neighbours_together(model: &SkinningModel) -> Result<(SkinningModel, Vec<u32>), Error> {
+    model.validate()?;
+    let active: Vec<_> =
+        (0..model.n_strands as usize).map(|s| decode(model, s, best_set(model, s), WeightRule::Trained)).collect();
+    let order = order(model, &active);
+    Ok((model.pick(&order)?, order))
 }
 
 impl Runtime {
@@ -127,7 +141,7 @@ impl Runtime {
             time: 0.0,
             transforms_before: guides.arrays.clone(),
             guides,
-            guide_travel: Vec::new(),
+            travelled: Vec::new(),
             assignment: Assignment::new(&model, &graph),
             graph,
             clusters,

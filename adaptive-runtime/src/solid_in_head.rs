@@ -61,7 +61,7 @@ pub(crate) struct SolidInHead<'a> {
     /// Solid from head at the end of the step.
     pub at_end: Frame,
     /// Where what it carries with it goes over the step, head frame.
-    carries: Frame,
+    pub carries: Frame,
     /// Farthest that any of its points moves, cm.
     pub moved: f32,
 }

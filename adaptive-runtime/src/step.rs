@@ -1,24 +1,30 @@
 //! One interactive step: the only place that knows the order of the stages.
 
 use crate::assign::decode;
-use crate::correct::{Hold, Outcome, Surroundings, Travel, correct};
+use crate::correct::{Hold, MAX_SOLIDS, Members, Outcome, Skins, Surroundings, Travel, Work, correct};
 use crate::graph::EdgeRule;
-use crate::interpolate::interpolate;
 use crate::params::{CliqueRule, Correction};
 use crate::response::{Elasticity, Response};
 use crate::runtime::{Runtime, Worker};
 use crate::solid_in_head::SolidInHead;
-use crate::strands::GROUP;
+use crate::strands::{GROUP, Wake};
 use crate::timings::{StageTimings, timed};
 use crate::two_way::{ContactPoint, Round};
+use arrayvec::ArrayVec;
 use collision::{MovingDeformingSolid, MovingSolid, SolidPose};
 use io_formats::skinning_model::SkinningModel;
 use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
+use std::cell::RefCell;
 use strand_sim::Material;
 
 /// Groups of strands that one worker's part holds.
 const GROUPS_PER_PART: usize = 16;
+
+thread_local! {
+    /// Buffers of a thread: larger than what they are used on, so not one for each part.
+    static WORK: RefCell<Work> = RefCell::new(Work::default());
+}
 
 /// Strands of a part.
 const PART: usize = GROUPS_PER_PART * GROUP;
@@ -74,7 +80,7 @@ impl Runtime {
         // The solids are lent to the stages while the rest of the runtime is written.
         let solids = std::mem::take(&mut self.solids);
         let head = self.head.take();
-        let moving: Vec<MovingSolid> = solids
+        let moving: ArrayVec<MovingSolid, MAX_SOLIDS> = solids
             .iter()
             .enumerate()
             .map(|(k, solid)| MovingSolid {
@@ -87,7 +93,7 @@ impl Runtime {
             pose: SolidPose { from: self.world_from_head, to: input.world_from_head },
         });
         let (head_before, head_now) = (self.world_from_head.inverse(), input.world_from_head.inverse());
-        let in_head: Vec<SolidInHead> = moving
+        let in_head: ArrayVec<SolidInHead, MAX_SOLIDS> = moving
             .iter()
             .map(|m| {
                 let pose = SolidPose { from: head_before * m.pose.from, to: head_now * m.pose.to };
@@ -97,11 +103,10 @@ impl Runtime {
 
         self.transforms_before.copy_from(&self.guides.arrays);
         let guide_report = timed(&mut report.timings.guide_sim, || {
-            let mut all: Vec<MovingSolid> = moving.clone();
-            all.extend(moving_head);
+            let all: ArrayVec<MovingSolid, { MAX_SOLIDS + 1 }> = moving.iter().copied().chain(moving_head).collect();
             let carried = strand_sim::StepInput::carried(input.dt, self.world_from_head, input.world_from_head);
             // Hair lies on the head all the time: its field is enough.
-            let surfaces: Vec<_> = moving.iter().filter_map(MovingSolid::surface).collect();
+            let surfaces: ArrayVec<_, MAX_SOLIDS> = moving.iter().filter_map(MovingSolid::surface).collect();
             let (solids, surfaces, forces) = (&all, &surfaces, &self.two_way.forces);
             let step = strand_sim::StepInput { solids, surfaces, deforming, forces, ..carried };
             self.guides.step(&step, &input.world_from_head, &self.params.guides)
@@ -110,9 +115,8 @@ impl Runtime {
         report.quarantined += guide_report.quarantined;
         self.world_from_head = input.world_from_head;
         self.time += input.dt;
-        let solid_cm = in_head.iter().map(|s| s.moved).fold(0.0, f32::max);
         let (before, now) = (&self.transforms_before, &self.guides.arrays);
-        self.strands.travel(&self.model, before, now, solid_cm, &mut self.guide_travel);
+        self.strands.travel(&self.model, before, now, &in_head, &mut self.travelled);
 
         if self.params.assign.adapt {
             timed(&mut report.timings.graph, || {
@@ -144,6 +148,7 @@ impl Runtime {
 
         self.world_from_solids.copy_from_slice(input.world_from_solids);
         self.step_number += 1;
+        drop((moving, in_head));
         self.solids = solids;
         self.head = head;
         report
@@ -214,44 +219,58 @@ impl Runtime {
             n,
         };
         let (transforms, before) = (&self.guides.arrays, &self.transforms_before);
-        let (rests, actives, u) = (&strands.rest, &strands.active, &strands.u);
+        let (rest, active, u) = (&strands.rest, &strands.active, &strands.u);
+        let skins = Skins { rest, u, active, transforms, before, pad };
         strands
             .groups
             .par_chunks_mut(GROUPS_PER_PART)
             .zip(strands.slots.par_chunks_mut(PART))
+            .zip(strands.wakes.par_chunks_mut(PART))
             .zip(strands.fades.par_chunks_mut(PART))
             .zip(strands.carried.par_chunks_mut(PART * 6 * pad))
             .zip(self.workers.par_iter_mut())
-            .for_each(|((((groups, slots), fades), carried), worker)| {
-                worker.holds.clear();
-                (worker.near, worker.pushed, worker.lost) = (0, 0, 0);
-                worker.work.resize(pad);
-                let members =
-                    slots.chunks_mut(GROUP).zip(fades.chunks_mut(GROUP)).zip(carried.chunks_mut(GROUP * 6 * pad));
-                for (group, ((slots, fades), carried)) in groups.iter_mut().zip(members) {
-                    if group.travel < group.wake_at && around.time < group.wake_from {
+            .for_each(|(((((groups, slots), wakes), fades), carried), worker)| {
+                let Worker { holds, near, pushed, lost } = worker;
+                holds.clear();
+                (*near, *pushed, *lost) = (0, 0, 0);
+                let members = slots
+                    .chunks_mut(GROUP)
+                    .zip(wakes.chunks_mut(GROUP))
+                    .zip(fades.chunks_mut(GROUP))
+                    .zip(carried.chunks_mut(GROUP * 6 * pad));
+                for (group, (((slots, wakes), fades), carried)) in groups.iter_mut().zip(members) {
+                    if !group.wake.is_due(group.travel, around.time) {
                         continue;
                     }
-                    (group.wake_at, group.wake_from) = (f64::INFINITY, f64::INFINITY);
-                    let each = slots.iter_mut().zip(fades).zip(carried.chunks_exact_mut(6 * pad));
-                    for ((slot, fade), carried) in each {
-                        if group.travel >= slot.awake_at || around.time >= slot.awake_from {
-                            let s = slot.strand as usize;
-                            let rest = &rests[s * 3 * pad..(s + 1) * 3 * pad];
-                            interpolate(rest, u, &actives[s], transforms, &mut worker.work.skin);
-                            let travel = Travel { total: group.travel, last: group.last_travel };
-                            let at_start = |skin: &mut [f32]| interpolate(rest, u, &actives[s], before, skin);
-                            let Worker { work, holds, .. } = worker;
-                            match correct(&around, slot, fade, rest, carried, travel, work, at_start, holds) {
-                                Outcome::Away => {}
-                                Outcome::Near => worker.near += 1,
-                                Outcome::Pushed => (worker.near, worker.pushed) = (worker.near + 1, worker.pushed + 1),
-                                Outcome::Lost => worker.lost += 1,
-                            }
+                    let mut awake = [0u8; GROUP];
+                    let mut n_awake = 0;
+                    for (k, wake) in wakes.iter().enumerate() {
+                        if wake.is_due(group.travel, around.time) {
+                            awake[n_awake] = k as u8;
+                            n_awake += 1;
                         }
-                        group.wake_at = group.wake_at.min(slot.awake_at);
-                        group.wake_from = group.wake_from.min(slot.awake_from);
                     }
+                    let travel = Travel { total: group.travel, last: group.last_travel };
+                    let mut members = Members { slots, wakes, fades, carried };
+                    WORK.with_borrow_mut(|work| {
+                        correct(
+                            &around,
+                            &skins,
+                            &mut members,
+                            &awake[..n_awake],
+                            travel,
+                            work,
+                            holds,
+                            &mut |outcome| match outcome {
+                                Outcome::Away => {}
+                                Outcome::Near => *near += 1,
+                                Outcome::Pushed => (*near, *pushed) = (*near + 1, *pushed + 1),
+                                Outcome::Lost => *lost += 1,
+                            },
+                        );
+                    });
+                    let never = Wake { at: f64::INFINITY, from: f64::INFINITY };
+                    group.wake = members.wakes.iter().fold(never, |first, wake| first.first(*wake));
                 }
             });
         for worker in &self.workers {

@@ -2,12 +2,14 @@
 //!
 //! Strands are kept in an order of their own, neighbours together, so that a group shares its guides and wakes as one. A group adds
 //! up how far its guides and the solids can have brought the two together since it was measured; until that exceeds the distance
-//! measured, none of its strands is looked at. Invariant: a strand whose group has travelled less than `awake_at` surely meets no solid.
+//! measured, none of its strands is looked at. Invariant: a strand whose group has travelled less than its [`Wake::at`] surely meets no solid.
 
-use crate::interpolate::{ActiveSet, TransformArrays, interpolate};
+use crate::interpolate::{ActiveSet, TransformArrays, Travelled, interpolate};
 use crate::kernels::{Age, Longest, run};
 use crate::offset::{N_FIXED, Return, fades_within};
+use crate::solid_in_head::{Frame, SolidInHead};
 use io_formats::skinning_model::SkinningModel;
+use nalgebra::Isometry3;
 
 /// Strands that wake together.
 pub(crate) const GROUP: usize = 32;
@@ -33,16 +35,18 @@ pub(crate) struct Touch {
 #[derive(Clone, Debug)]
 pub(crate) struct Slot {
     pub strand: u32,
-    /// Travel of the group, or else time, from which the strand may meet a solid, cm and s.
-    pub awake_at: f64,
-    pub awake_from: f64,
     /// Step at whose end the strand was looked at last.
     pub looked: u64,
-    /// Segments that may be near a solid, one bit each, until the group's travel reaches `marked_until`, cm.
-    pub marked: u64,
-    pub marked_until: f64,
     pub n_touches: u8,
     pub touches: [Touch; MAX_TOUCHES],
+}
+
+/// When a strand must be looked at. Kept apart from the rest, for a group asks it of all its strands.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Wake {
+    /// Travel of the group, or else time, from which the strand may meet a solid, cm and s.
+    pub at: f64,
+    pub from: f64,
 }
 
 /// How old a strand's offset is, and how long it lasts. Kept apart from the rest, for a read asks it of every strand.
@@ -75,13 +79,22 @@ impl Fade {
 pub(crate) struct Group {
     /// By how much guides and solids can have come together since the runtime was made, cm.
     pub travel: f64,
-    /// Least `awake_at` and `awake_from` of its strands.
-    pub wake_at: f64,
-    pub wake_from: f64,
+    /// Least of its strands.
+    pub wake: Wake,
     /// Travel of the last step, cm.
     pub last_travel: f32,
-    /// Guides that any of its strands may follow: range of [`Strands::group_guides`].
-    guides: std::ops::Range<usize>,
+    /// Guides that any of its strands may follow: range of [`Strands::leads`].
+    leads: std::ops::Range<usize>,
+}
+
+/// A guide that some strand of a group may follow.
+#[derive(Clone, Copy, Debug)]
+struct Lead {
+    guide: u16,
+    /// Whether one does.
+    followed: bool,
+    /// The farthest that a particle of a strand of the group which may follow it is from the guide's own at rest, cm.
+    farthest: f32,
 }
 
 /// All strands of a head.
@@ -90,10 +103,12 @@ pub(crate) struct Strands {
     pub n_particles: usize,
     pub pad: usize,
     pub slots: Vec<Slot>,
-    /// By slot.
+    /// By slot, as the next.
+    pub wakes: Vec<Wake>,
     pub fades: Vec<Fade>,
     pub groups: Vec<Group>,
-    group_guides: Vec<u16>,
+    /// By group, sorted by guide.
+    leads: Vec<Lead>,
     /// Slot of each strand.
     pub slot_of: Vec<u32>,
     /// What each strand follows.
@@ -102,8 +117,6 @@ pub(crate) struct Strands {
     pub rest: Vec<f32>,
     /// Offset, then velocity, by slot, three arrays of `pad` values each; cm and cm/s, head frame.
     pub carried: Vec<f32>,
-    /// For each guide the farthest that a particle of a hair it may lead is from its own, cm.
-    farthest: Vec<f32>,
     /// Position of each particle along its strand, 0 to 1, padded with one.
     pub u: Vec<f32>,
 }
@@ -125,64 +138,48 @@ impl Strands {
         let mut slots = Vec::with_capacity(n_strands);
         for (slot, &strand) in order.iter().enumerate() {
             slot_of[strand as usize] = slot as u32;
-            slots.push(Slot {
-                strand,
-                awake_at: f64::NEG_INFINITY,
-                awake_from: f64::INFINITY,
-                looked: u64::MAX,
-                marked: 0,
-                marked_until: f64::NEG_INFINITY,
-                n_touches: 0,
-                touches: [Touch::default(); MAX_TOUCHES],
-            });
+            slots.push(Slot { strand, looked: u64::MAX, n_touches: 0, touches: [Touch::default(); MAX_TOUCHES] });
         }
-        let mut group_guides = Vec::new();
+        let mut leads: Vec<Lead> = Vec::new();
         let mut groups = Vec::with_capacity(n_strands.div_ceil(GROUP));
         for members in order.chunks(GROUP) {
-            let first = group_guides.len();
+            let first = leads.len();
             for &s in members {
-                group_guides.extend_from_slice(model.eligible_of(s as usize));
+                for &guide in model.eligible_of(s as usize) {
+                    let led = model.rest_of(model.guide_strands[usize::from(guide)] as usize);
+                    let apart2 = model.rest_of(s as usize).iter().zip(led).fold(0.0f32, |most, (p, q)| {
+                        most.max((p[0] - q[0]).powi(2) + (p[1] - q[1]).powi(2) + (p[2] - q[2]).powi(2))
+                    });
+                    leads.push(Lead { guide, followed: false, farthest: apart2.sqrt() });
+                }
             }
-            group_guides[first..].sort_unstable();
+            leads[first..].sort_unstable_by_key(|lead| lead.guide);
             let mut kept = first;
-            for k in first..group_guides.len() {
-                if k == first || group_guides[k] != group_guides[kept - 1] {
-                    group_guides[kept] = group_guides[k];
+            for k in first..leads.len() {
+                if k == first || leads[k].guide != leads[kept - 1].guide {
+                    leads[kept] = leads[k];
                     kept += 1;
+                } else {
+                    leads[kept - 1].farthest = leads[kept - 1].farthest.max(leads[k].farthest);
                 }
             }
-            group_guides.truncate(kept);
-            groups.push(Group {
-                travel: 0.0,
-                wake_at: f64::NEG_INFINITY,
-                wake_from: f64::INFINITY,
-                last_travel: 0.0,
-                guides: first..kept,
-            });
-        }
-        let mut farthest = vec![0.0f32; model.n_guides()];
-        for s in 0..n_strands {
-            for &g in model.eligible_of(s) {
-                let guide = model.rest_of(model.guide_strands[usize::from(g)] as usize);
-                let far = &mut farthest[usize::from(g)];
-                for (p, q) in model.rest_of(s).iter().zip(guide) {
-                    let d2 = (p[0] - q[0]).powi(2) + (p[1] - q[1]).powi(2) + (p[2] - q[2]).powi(2);
-                    *far = far.max(d2.sqrt());
-                }
-            }
+            leads.truncate(kept);
+            let leads_here = first..kept;
+            note_followed(&mut leads[leads_here.clone()], members.iter().map(|&s| &active[s as usize]));
+            groups.push(Group { travel: 0.0, wake: Wake::NOW, last_travel: 0.0, leads: leads_here });
         }
         Self {
             n_particles: n,
             pad,
             carried: vec![0.0; slots.len() * 6 * pad],
+            wakes: vec![Wake::NOW; slots.len()],
             fades: vec![Fade::NONE; slots.len()],
             slots,
             groups,
-            group_guides,
+            leads,
             slot_of,
             active,
             rest,
-            farthest,
             u: (0..pad).map(|i| i.min(n - 1) as f32 / (n - 1) as f32).collect(),
         }
     }
@@ -191,13 +188,14 @@ impl Strands {
     pub(crate) fn clearance(&self, strand: usize) -> f32 {
         let at = self.slot_of[strand] as usize;
         let (slot, group) = (&self.slots[at], &self.groups[at / GROUP]);
-        if slot.n_touches > 0 { 0.0 } else { (slot.awake_at - group.travel).max(0.0) as f32 }
+        if slot.n_touches > 0 { 0.0 } else { (self.wakes[at].at - group.travel).max(0.0) as f32 }
     }
 
     /// Forgets where solids are: every strand is looked at anew.
     pub(crate) fn forget_touches(&mut self) {
-        self.slots.iter_mut().for_each(Slot::forget);
-        self.groups.iter_mut().for_each(|group| group.wake_at = f64::NEG_INFINITY);
+        self.slots.iter_mut().for_each(|slot| slot.n_touches = 0);
+        self.wakes.fill(Wake::NOW);
+        self.groups.iter_mut().for_each(|group| group.wake = Wake::NOW);
     }
 
     /// Drops all offsets.
@@ -206,26 +204,38 @@ impl Strands {
         self.fades.fill(Fade::NONE);
     }
 
-    /// Adds a step's travel to every group: of the guides from `before` to `now`, per guide into `guide_travel` (cm), and of the solids,
-    /// at most `solid_cm`.
+    /// Adds a step's travel to every group: how far guides and solids have moved against each other, from `before` to `now`. `travelled` is
+    /// room for what each guide has moved, as seen from the head and from each solid.
+    ///
+    /// Seen from a solid whatever follows guides has moved as they have: transforms are affine, weights sum to one. Far from a
+    /// solid that turns, what the solid has moved itself is the better bound.
     pub(crate) fn travel(
         &mut self,
         model: &SkinningModel,
         before: &TransformArrays,
         now: &TransformArrays,
-        solid_cm: f32,
-        guide_travel: &mut Vec<f32>,
+        solids: &[SolidInHead],
+        travelled: &mut Vec<Travelled>,
     ) {
-        guide_travel.clear();
+        let views = 1 + solids.len();
+        let still = Frame::new(&Isometry3::identity());
+        travelled.clear();
         for (g, &strand) in model.guide_strands.iter().enumerate() {
             let rest = model.rest_of(strand as usize);
-            guide_travel.push(now.travel_since(before, g, rest, self.farthest[g]));
+            let from = std::iter::once(&still).chain(solids.iter().map(|solid| &solid.carries));
+            travelled.extend(from.map(|carries| now.travel_since(before, g, rest, carries)));
         }
         for group in &mut self.groups {
-            let most = self.group_guides[group.guides.clone()]
-                .iter()
-                .fold(0.0f32, |most, &g| most.max(guide_travel[usize::from(g)]));
-            group.last_travel = most + solid_cm;
+            let most = self.leads[group.leads.clone()].iter().fold(0.0f32, |most, lead| {
+                if !lead.followed {
+                    return most;
+                }
+                let of_guide = &travelled[usize::from(lead.guide) * views..][..views];
+                let own = of_guide[0].within(lead.farthest);
+                let against = of_guide[1..].iter().zip(solids);
+                against.fold(most, |most, (seen, solid)| most.max(seen.within(lead.farthest).min(own + solid.moved)))
+            });
+            group.last_travel = most;
             group.travel += f64::from(group.last_travel);
         }
     }
@@ -243,7 +253,6 @@ impl Strands {
     ) {
         let pad = self.pad;
         let at = self.slot_of[strand] as usize;
-        let slot = &mut self.slots[at];
         let rest = &self.rest[strand * 3 * pad..(strand + 1) * 3 * pad];
         for skin in skins.iter_mut() {
             skin.resize(3 * pad, 0.0);
@@ -260,27 +269,52 @@ impl Strands {
         }
         self.fades[at] = Fade::of(offset, velocity, pad, time, rate, least_cm);
         // The strand will move on its own: it must be looked at.
-        (slot.awake_at, slot.marked_until) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
-        self.groups[at / GROUP].wake_at = f64::NEG_INFINITY;
+        self.wakes[at] = Wake::NOW;
+        let group = &mut self.groups[at / GROUP];
+        group.wake = Wake::NOW;
+        let first = at / GROUP * GROUP;
+        let members = &self.slots[first..self.slots.len().min(first + GROUP)];
+        let followed = members.iter().map(|slot| &self.active[slot.strand as usize]);
+        note_followed(&mut self.leads[group.leads.clone()], followed);
     }
 }
 
-impl Slot {
-    /// Lets the strand sleep until it may have come `gap` cm nearer to a solid by its group's travel and by its offset's own motion, which
-    /// is never faster than `speed` and never leads farther than `own` cm.
-    pub(crate) fn sleep(&mut self, gap: f64, travel: f64, time: f64, own: f32, speed: f32) {
-        let own = f64::from(own);
-        if own <= 0.25 * gap {
-            (self.awake_at, self.awake_from) = (travel + gap - own, f64::INFINITY);
-        } else {
-            (self.awake_at, self.awake_from) = (travel + 0.5 * gap, time + 0.5 * gap / f64::from(speed));
+/// Marks the guides of a group that its strands follow.
+fn note_followed<'a>(leads: &mut [Lead], sets: impl Iterator<Item = &'a ActiveSet>) {
+    leads.iter_mut().for_each(|lead| lead.followed = false);
+    for set in sets {
+        for guide in &set.guides[..usize::from(set.n)] {
+            // Sets hold eligible guides only.
+            if let Ok(at) = leads.binary_search_by_key(guide, |lead| lead.guide) {
+                leads[at].followed = true;
+            }
         }
     }
+}
 
-    /// Forgets touches.
-    pub(crate) fn forget(&mut self) {
-        self.n_touches = 0;
-        (self.awake_at, self.marked_until) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
+impl Wake {
+    /// In the next step.
+    pub(crate) const NOW: Self = Self { at: f64::NEG_INFINITY, from: f64::INFINITY };
+
+    /// Whether a group's travel and the time have come so far.
+    pub(crate) fn is_due(&self, travel: f64, time: f64) -> bool {
+        travel >= self.at || time >= self.from
+    }
+
+    /// The first of both.
+    pub(crate) fn first(self, other: Self) -> Self {
+        Self { at: self.at.min(other.at), from: self.from.min(other.from) }
+    }
+
+    /// When a strand may have come `gap` cm nearer to a solid by its group's travel and by its offset's own motion, which is never faster
+    /// than `speed` and never leads farther than `own` cm.
+    pub(crate) fn after(gap: f64, travel: f64, time: f64, own: f32, speed: f32) -> Self {
+        let own = f64::from(own);
+        if own <= 0.25 * gap {
+            Self { at: travel + gap - own, from: f64::INFINITY }
+        } else {
+            Self { at: travel + 0.5 * gap, from: time + 0.5 * gap / f64::from(speed) }
+        }
     }
 }
 
@@ -300,7 +334,7 @@ pub(crate) fn largest(values: &[f32], pad: usize) -> f32 {
 }
 
 /// Strands with neighbours together: by the guide they depend on most, then along a curve through the middle of their rest.
-fn order(model: &SkinningModel, active: &[ActiveSet]) -> Vec<u32> {
+pub(crate) fn order(model: &SkinningModel, active: &[ActiveSet]) -> Vec<u32> {
     let n_strands = model.n_strands as usize;
     let middle = |s: usize| model.rest_of(s)[model.n_particles as usize / 2];
     let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);

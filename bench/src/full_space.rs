@@ -5,6 +5,8 @@ use crate::world::World;
 use collision::{MovingSolid, Solid, SolidPose};
 use io_formats::groom::UniformGroom;
 use nalgebra::{Isometry3, Point3, Vector3};
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use strand_sim::interaction::{ContactSampling, LinkSet};
 use strand_sim::{
     InteractionParams, InteractionReport, InteractionWorkspace, Material, StepInput, StepParams, StepReport,
@@ -58,9 +60,15 @@ pub fn rubbing_params(n_strands: usize) -> InteractionParams {
 
 /// Longest time strands are given to come to rest, s.
 const SETTLE_S: f64 = 1.6;
-const SETTLE_STEP_S: f64 = 0.01;
+const SETTLE_STEP_S: f64 = 0.02;
 /// Air drag while settling, 1/s: high, since only where it ends matters.
 const SETTLE_DRAG: f64 = 8.0;
+/// Strands that settle together: few enough that what is at rest early need not wait for the rest of the head.
+const SETTLE_TOGETHER: usize = 64;
+/// Steps between looks at whether strands still move.
+const SETTLE_CHECK_STEPS: usize = 5;
+/// Strands of which no particle moves faster than this on average between two looks are at rest, cm/s.
+const SETTLED_CM_PER_S: f64 = 1.0;
 
 /// The groom as it hangs on its head: strands that lay inside the head are out of it, and nothing moves any more.
 ///
@@ -73,25 +81,55 @@ pub fn settle(
     head: &Solid,
     material: Material,
     params: &StepParams,
-    mut progress: impl FnMut(f64),
+    progress: impl Fn(f64) + Sync,
 ) -> Result<UniformGroom, Error> {
-    let pose = SolidPose::still(Isometry3::identity());
-    let head = MovingSolid { solid: head, pose };
-    let points: Vec<Vector3<f64>> = groom.points.iter().map(|&p| Vector3::from(p).cast()).collect();
+    let n = groom.n_particles;
     let material = Material { air_drag_per_s: SETTLE_DRAG, ..material };
-    let mut system = StrandSystem::new(&points, groom.n_particles, material)?;
+    let mut points = groom.points.clone();
+    let (done, n_strands) = (AtomicUsize::new(0), groom.n_strands.max(1));
+    points.par_chunks_mut(SETTLE_TOGETHER * n).try_for_each(|points| {
+        settle_few(points, n, head, material, params)?;
+        let settled = done.fetch_add(points.len() / n, Ordering::Relaxed) + points.len() / n;
+        progress(settled as f64 / n_strands as f64);
+        Ok::<(), Error>(())
+    })?;
+    Ok(UniformGroom { points, ..*groom })
+}
+
+/// Steps a few strands until they are at rest.
+fn settle_few(
+    points: &mut [[f32; 3]],
+    n_particles: usize,
+    head: &Solid,
+    material: Material,
+    params: &StepParams,
+) -> Result<(), Error> {
+    let head = [MovingSolid { solid: head, pose: SolidPose::still(Isometry3::identity()) }];
+    let styled: Vec<Vector3<f64>> = points.iter().map(|&p| Vector3::from(p).cast()).collect();
+    let mut system = StrandSystem::new(&styled, n_particles, material)?;
     let mut state = system.rest_state(&Isometry3::identity());
-    let held = system.balance(&mut state, &Isometry3::identity(), &[head], params);
-    tracing::info!(?held, "styled shape");
-    let mut strands = FullSpace::of(system, state, params, groom.n_particles);
+    system.balance(&mut state, &Isometry3::identity(), &head, params);
+    let mut strands = FullSpace::of(system, state, params, n_particles);
     let n_steps = (SETTLE_S / SETTLE_STEP_S) as usize;
-    for k in 0..n_steps {
-        strands.step(SETTLE_STEP_S, &Isometry3::identity(), &[head]);
-        progress((k + 1) as f64 / n_steps as f64);
+    let most_cm = SETTLED_CM_PER_S * SETTLE_CHECK_STEPS as f64 * SETTLE_STEP_S;
+    let (mut before, mut now) = (points.to_vec(), Vec::new());
+    for step in 1..=n_steps {
+        strands.step(SETTLE_STEP_S, &Isometry3::identity(), &head);
+        if step % SETTLE_CHECK_STEPS == 0 {
+            strands.positions_in_head(&mut now);
+            let moved = before
+                .iter()
+                .zip(&now)
+                .fold(0.0, |most: f32, (a, b)| most.max((Vector3::from(*a) - Vector3::from(*b)).norm()));
+            if f64::from(moved) <= most_cm {
+                break;
+            }
+            std::mem::swap(&mut before, &mut now);
+        }
     }
-    let mut rest = UniformGroom { points: Vec::new(), ..*groom };
-    strands.positions_in_head(&mut rest.points);
-    Ok(rest)
+    strands.positions_in_head(&mut now);
+    points.copy_from_slice(&now);
+    Ok(())
 }
 
 impl FullSpace {
@@ -116,6 +154,21 @@ impl FullSpace {
         let (state, held) = system.hold_settled(&points(rest), &[head], params)?;
         tracing::info!(?held, "settled shape");
         Ok(Self::of(system, state, params, n))
+    }
+
+    /// The same hairs in the same state, with buffers of their own. Of hairs that have not been stepped since they were made this is what
+    /// making them anew gives, without what that takes.
+    #[must_use]
+    pub fn again(&self) -> Self {
+        let mut copy = Self::of(self.system.clone(), self.state.clone(), &self.params, self.n);
+        copy.world_from_head = self.world_from_head;
+        copy.friction = self.friction.as_ref().map(|friction| Friction {
+            params: friction.params,
+            links: friction.links.clone(),
+            workspace: InteractionWorkspace::default(),
+            report: friction.report,
+        });
+        copy
     }
 
     /// The same hairs with friction on each other (AS16 §7.1).

@@ -24,7 +24,7 @@ use strand_sim::StepParams;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Raised whenever a change makes stage outputs of equal inputs differ.
-const PIPELINE_VERSION: u64 = 11;
+const PIPELINE_VERSION: u64 = 12;
 
 /// Strands on which numbers of guides are compared.
 const JUDGED_STRANDS: usize = 2000;
@@ -185,7 +185,7 @@ impl<'a> Workshop<'a> {
     /// Frames of all motions of one use, recorded if need be; none if there is no such motion.
     pub fn frames_for(&self, rest: &UniformGroom, used_for: MotionUse) -> Result<Option<JoinedFrames>> {
         let recorder = self.recorder();
-        let stores: Vec<_> = self.motions_for(used_for).map(|m| recorder.frames(rest, m)).collect::<Result<_>>()?;
+        let stores = recorder.frames(rest, self.motions_for(used_for))?;
         Ok(if stores.is_empty() { None } else { Some(JoinedFrames::new(stores)?) })
     }
 
@@ -193,9 +193,7 @@ impl<'a> Workshop<'a> {
     pub fn record(&self, numbers: Range<usize>) -> Result<usize> {
         let rest = self.recorder().settled()?;
         let chosen = &self.motions[numbers.start.min(self.motions.len())..numbers.end.min(self.motions.len())];
-        for motion in chosen {
-            self.recorder().frames(&rest, motion)?;
-        }
+        self.recorder().frames(&rest, chosen.iter())?;
         Ok(chosen.len())
     }
 

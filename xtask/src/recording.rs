@@ -6,7 +6,7 @@
 
 use crate::progress::Bars;
 use anyhow::Result;
-use hair_bench::full_space::{rubbing_params, settle};
+use hair_bench::full_space::{FullSpace, rubbing_params, settle};
 use hair_bench::training_motions::TrainingMotion;
 use hair_bench::world::World;
 use io_formats::frames::{FrameInfo, FrameSource, FrameStore, FrameStoreWriter};
@@ -85,8 +85,23 @@ impl Recorder<'_> {
         stage_key("frames", &[self.rest_key, motion_key, spec.fps.to_bits(), hash_of(&rubbing)])
     }
 
-    /// A motion's frames, from the cache, continued, or recorded anew.
-    pub fn frames(&self, rest: &UniformGroom, motion: &TrainingMotion) -> Result<FrameStore> {
+    /// Each motion's frames, from the cache, continued, or recorded anew.
+    pub fn frames<'m>(
+        &self,
+        rest: &UniformGroom,
+        motions: impl Iterator<Item = &'m TrainingMotion>,
+    ) -> Result<Vec<FrameStore>> {
+        // What holds hair in its shape takes as long to find as twenty steps, and is the same for every motion.
+        let mut at_rest = None;
+        motions.map(|motion| self.frames_of(rest, &mut at_rest, motion)).collect()
+    }
+
+    fn frames_of(
+        &self,
+        rest: &UniformGroom,
+        at_rest: &mut Option<FullSpace>,
+        motion: &TrainingMotion,
+    ) -> Result<FrameStore> {
         let key = self.key(motion);
         let path = self.folder.join(format!("frames-{key:016x}.frames"));
         if path.exists() {
@@ -103,7 +118,11 @@ impl Recorder<'_> {
         let mut writer = FrameStoreWriter::resume(&path, rest.n_strands, rest.n_particles, key)?;
         // Simulated again only to go on from there.
         let mut on_disk = writer.infos().len();
-        let mut full = self.world.full_space(rest, &self.params)?;
+        let at_rest = match at_rest {
+            Some(at_rest) => at_rest,
+            none => none.insert(self.world.full_space(rest, &self.params)?),
+        };
+        let mut full = at_rest.again();
         let mut positions = Vec::new();
         for step in 1..=steps {
             let (before, now) = ((step - 1) as f64 * TRAIN_STEP_S, step as f64 * TRAIN_STEP_S);
@@ -159,7 +178,7 @@ impl Recorder<'_> {
         }
         let bar = self.bars.bar("steps without friction", 2 * TIMED_STEPS as u64);
         let World { groom, head, material, .. } = self.world;
-        let mut full = hair_bench::full_space::FullSpace::new(groom, rest, head, *material, &self.params)?;
+        let mut full = FullSpace::new(groom, rest, head, *material, &self.params)?;
         let mut clock = StageCost::clock();
         for step in 1..=2 * TIMED_STEPS {
             if step == TIMED_STEPS + 1 {

@@ -3,7 +3,7 @@
 //! Points come as three arrays and go out as four. They are taken in blocks, and a block in passes: places, then the table,
 //! then the corners, then the arithmetic. Reads that wait for nothing but memory stand side by side so, and their misses
 //! overlap. A last block that is not full is filled up with whatever was there before. Results are those of [`SignedDistanceField::distance_gradient`] bit for
-//! bit; points outside the grid are handed to it.
+//! bit: points outside the grid are sampled where it is nearest to them, and what lies between is added as it does.
 
 use multiversion::multiversion;
 use nalgebra::Vector3;
@@ -26,6 +26,7 @@ pub struct Samples<'a> {
 struct Grid<'a> {
     origin: [f32; 3],
     inv_cell: f32,
+    cell: f32,
     /// Largest grid coordinate, and first node of the last cell, along each axis.
     last: [f32; 3],
     last_cell: [u32; 3],
@@ -47,6 +48,7 @@ impl SignedDistanceField {
         let grid = Grid {
             origin: self.origin().into(),
             inv_cell: self.inv_cell(),
+            cell: self.cell(),
             last: bounds.map(|n| (n - 1) as f32),
             last_cell: bounds.map(|n| n as u32 - 2),
             layout: self.layout(),
@@ -98,6 +100,8 @@ struct Passes {
     slope: [f32; BLOCK],
     /// The four edges along x of the cell, two values each.
     edges: [[[i16; 2]; BLOCK]; 4],
+    /// How far the point lies outside along each axis, cm; zero within the grid.
+    gap: [[f32; BLOCK]; 3],
     /// Zero for points in the grid.
     outside: [u32; BLOCK],
 }
@@ -105,7 +109,7 @@ struct Passes {
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
 fn sample_inside(grid: Grid, points: [&[f32]; 3], out: &mut Samples, singly: &mut dyn FnMut(usize, &mut Samples)) {
     let n = points[0].len();
-    let Grid { origin, inv_cell, last, last_cell, layout, scales } = grid;
+    let Grid { origin, inv_cell, cell: cell_cm, last, last_cell, layout, scales } = grid;
     let [count_x, count_y, _] = layout.count.map(|n| n as u32);
     let countable = last.iter().all(|&n| n < 0.5 * ONES);
     let mut passes = Passes {
@@ -116,9 +120,10 @@ fn sample_inside(grid: Grid, points: [&[f32]; 3], out: &mut Samples, singly: &mu
         quantum: [0.0; BLOCK],
         slope: [0.0; BLOCK],
         edges: [[[0; 2]; BLOCK]; 4],
+        gap: [[0.0; BLOCK]; 3],
         outside: [0; BLOCK],
     };
-    let Passes { t, cell, place, within, quantum, slope, edges, outside } = &mut passes;
+    let Passes { t, cell, place, within, quantum, slope, edges, gap, outside } = &mut passes;
     let mut begin = 0;
     while begin < n && countable {
         let size = BLOCK.min(n - begin);
@@ -129,10 +134,10 @@ fn sample_inside(grid: Grid, points: [&[f32]; 3], out: &mut Samples, singly: &mu
             t[k][..size].copy_from_slice(&points[k][begin..begin + size]);
             for l in 0..filled {
                 let g = (t[k][l] - origin[k]) * inv_cell;
-                // Points outside are sampled where they are nearest, and again later.
                 let held = if g >= 0.0 { g } else { 0.0 };
                 let held = if held <= last[k] { held } else { last[k] };
                 outside[l] |= u32::from(held != g);
+                gap[k][l] = (g - held) * cell_cm;
                 let c = floor(held);
                 t[k][l] = held;
                 cell[k][l] = if c < last_cell[k] { c } else { last_cell[k] };
@@ -189,10 +194,26 @@ fn sample_inside(grid: Grid, points: [&[f32]; 3], out: &mut Samples, singly: &mu
             let (y0, y1) = (x0 + ty * dy0, x2 + ty * dy1);
             let (ex0, ex1) = (dx0 + ty * (dx1 - dx0), dx2 + ty * (dx3 - dx2));
             let slope = read(slope);
-            let distance = (y0 + tz * (y1 - y0)) * read(quantum);
-            let gradient_x = (ex0 + tz * (ex1 - ex0)) * slope;
-            let gradient_y = (dy0 + tz * (dy1 - dy0)) * slope;
-            let gradient_z = (y1 - y0) * slope;
+            let mut distance = (y0 + tz * (y1 - y0)) * read(quantum);
+            let mut gradient_x = (ex0 + tz * (ex1 - ex0)) * slope;
+            let mut gradient_y = (dy0 + tz * (dy1 - dy0)) * slope;
+            let mut gradient_z = (y1 - y0) * slope;
+            if outside[lanes.clone()].iter().fold(0, |a, b| a | b) != 0 {
+                for l in 0..LANES {
+                    // Along an axis on which the point is outside, the nearest place of the grid does not move with it.
+                    let along = [gradient_x.0[l], gradient_y.0[l], gradient_z.0[l]];
+                    let gap = [gap[0][first + l], gap[1][first + l], gap[2][first + l]];
+                    let d = if distance.0[l] > 0.0 { distance.0[l] } else { 0.0 };
+                    let total = (gap[0] * gap[0] + gap[1] * gap[1] + gap[2] * gap[2] + d * d).sqrt();
+                    let turned = |k: usize| (gap[k] + if gap[k] == 0.0 { along[k] } else { 0.0 } * d) / total;
+                    let out = outside[first + l] != 0;
+                    let turns = out & (total > 0.0);
+                    distance.0[l] = if out { total } else { distance.0[l] };
+                    gradient_x.0[l] = if turns { turned(0) } else { along[0] };
+                    gradient_y.0[l] = if turns { turned(1) } else { along[1] };
+                    gradient_z.0[l] = if turns { turned(2) } else { along[2] };
+                }
+            }
             // Straight to where it belongs: gathered in a block first, wide copies would wait for the narrower stores.
             let n_here = LANES.min(size - first);
             let to = begin + first..begin + first + n_here;
@@ -212,8 +233,10 @@ fn sample_inside(grid: Grid, points: [&[f32]; 3], out: &mut Samples, singly: &mu
             }
         }
         if outside.iter().fold(0, |a, b| a | b) != 0 {
-            for l in (0..size).filter(|&l| outside[l] != 0) {
-                singly(begin + l, out);
+            for l in (begin..begin + size).filter(|&l| outside[l - begin] != 0) {
+                if out.distance[l].is_nan() {
+                    singly(l, out);
+                }
             }
         }
         begin += size;

@@ -1,7 +1,8 @@
 //! Laws of one interactive step (AS16 §4, §5) on a small model made by hand.
 
-use adaptive_runtime::{CliqueRule, Error, Runtime, RuntimeParams, StepInput, StepReport, TwoWaySolve};
+use adaptive_runtime::{CliqueRule, Correction, Error, Runtime, RuntimeParams, StepInput, StepReport, TwoWaySolve};
 use collision::Solid;
+use hair_bench::shapes::{self, CombParams};
 use hair_tests::models::{N_PARTICLES, Row};
 use hair_tests::scenes::{ball, dense_samples, rod};
 use hair_tests::tolerance::{INSIDE_CM, SINGLE_ROUND_OFF_CM};
@@ -242,6 +243,40 @@ fn hardly_a_hair_gets_into_a_slow_tooth_and_none_through() {
     assert!(inside as f64 <= INSIDE_SHARE * by as f64, "{inside} of {by} inside");
     // Half way in would be half way through.
     assert!(least > -0.5 * radius, "got {} cm deep", -least);
+}
+
+#[test]
+fn hair_that_a_fast_comb_has_left_is_soon_where_its_guides_have_it() {
+    /// How far from there it may be half a second later, cm.
+    const LEFT_CM: f64 = 1.0;
+    /// The farthest that the comb's teeth, 4 mm apart, hold it off, cm; hair that was flung went 13 cm.
+    const HELD_CM: f64 = 2.0;
+    /// A metre a second, cm for each step.
+    const STEP_CM: f64 = 1.0;
+    let row = Row::parted();
+    let comb = shapes::comb(CombParams { teeth: 19, ..CombParams::dressing() }).unwrap();
+    let corrected = RuntimeParams::no_two_way();
+    let mut guided = corrected;
+    guided.residual.correction = Correction::None;
+    for aside in [0.0, 0.1, 0.2, 0.3] {
+        // Into the hair from the front, down and out of it, then far from it for half a second.
+        let pose = |k: usize| match k {
+            0..=30 => [at(aside, -3.0, 8.0 - 0.19 * k as f64)],
+            _ => [at(aside, -3.0 - STEP_CM * (k - 30).min(30) as f64, 2.3)],
+        };
+        let start = |params| runtime(row.model(), params, vec![comb.clone()], &pose(0));
+        let (mut hair, mut guided) = (start(corrected), start(guided));
+        let (mut most, mut last) = (0.0f64, 0.0f64);
+        for k in 1..=100 {
+            assert_eq!(step(&mut hair, &pose(k)).quarantined, 0);
+            step(&mut guided, &pose(k));
+            let offsets = hair.positions().iter().zip(guided.positions());
+            last = offsets.map(|(a, &b)| distance(*a, Vector3::from(b).cast())).fold(0.0, f64::max);
+            most = most.max(last);
+        }
+        assert!(most > 0.1, "the comb was to hold hair off");
+        assert!(most < HELD_CM && last < LEFT_CM, "{aside}: {most} cm off at most, {last} cm half a second later");
+    }
 }
 
 #[test]
