@@ -148,10 +148,7 @@ impl Output {
             let name = format!("{}-{:04}.png", self.stem.display(), self.n_done);
             image.write_png(name.as_ref())?;
         }
-        // The sheet holds the first, the last and as many evenly between as it has room for.
-        let room = ON_SHEET.min(self.n_pictures);
-        let next = if room > 1 { self.sheet.len() * (self.n_pictures - 1) / (room - 1) } else { 0 };
-        if self.n_done == next {
+        if self.n_done == on_sheet(self.sheet.len(), self.n_pictures) {
             self.sheet.push(image);
         }
         self.n_done += 1;
@@ -171,6 +168,12 @@ impl Output {
         }
         Ok(())
     }
+}
+
+/// Number of the picture at place `k` of the sheet: the first, the last, and as many evenly between as there is room for.
+fn on_sheet(k: usize, n_pictures: usize) -> usize {
+    let room = ON_SHEET.min(n_pictures);
+    if room > 1 { k * (n_pictures - 1) / (room - 1) } else { k }
 }
 
 /// Depth of each particle in whatever solid it is deepest in, cm.
@@ -243,4 +246,28 @@ pub fn pictures(world: &World, frames: &[&(f64, Vec<[f32; 3]>)], bars: &Bars, do
         done();
     }
     Ok(images)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sheet_holds_the_first_and_the_last_and_no_picture_twice() {
+        for n_pictures in 1..200 {
+            let chosen: Vec<usize> = (0..ON_SHEET.min(n_pictures)).map(|k| on_sheet(k, n_pictures)).collect();
+            assert_eq!((chosen[0], chosen[chosen.len() - 1]), (0, n_pictures - 1));
+            assert!(chosen.windows(2).all(|pair| pair[0] < pair[1]), "{n_pictures}: {chosen:?}");
+            // What comes after the last has no place: the sheet is full.
+            assert!(on_sheet(chosen.len(), n_pictures) >= n_pictures);
+        }
+    }
+
+    #[test]
+    fn another_height_keeps_the_shape_of_the_view() {
+        let camera = Camera::around([0.0; 3], 40.0, 0.0, 640, 480);
+        assert_eq!(sized(camera, None), camera);
+        let small = sized(camera, Some(120));
+        assert_eq!((small.width, small.height, small.eye), (160, 120, camera.eye));
+    }
 }
