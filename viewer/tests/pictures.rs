@@ -308,6 +308,9 @@ fn what_a_driver_cannot_hold_is_refused_with_the_numbers() {
     scene.camera.width = 1 << 20;
     let refused = renderer.picture(&scene).unwrap_err();
     assert!(matches!(refused, Error::TooLarge { needed: 2_097_152, .. }), "{refused}");
+    (scene.camera.width, scene.camera.height) = (8000, 7000);
+    let refused = renderer.picture(&scene).unwrap_err();
+    assert!(matches!(refused, Error::TooLarge { needed, .. } if needed > 10 << 30), "{refused}");
     // And the driver goes on drawing.
     let wall = square(0.0);
     let mut scene = flat();

@@ -40,7 +40,8 @@ pub struct Args {
     /// Run the scene in this mode, as `run-scene` does (training if need be), and draw it as it moves; else its hair at rest.
     #[arg(long, value_name = "MODE")]
     run: Option<Mode>,
-    /// Also run in this mode, draw the same pictures of it, and print how far the two are apart (PSNR, as NI20 Table 1).
+    /// Also run in this mode, draw the same pictures of it, and print how far the two are apart (PSNR of the whole
+    /// pictures, as NI20 Table 1).
     #[arg(long, value_name = "MODE", requires = "run")]
     against: Option<Mode>,
     /// Seconds to run at most; the whole scene without it.
@@ -67,6 +68,9 @@ pub struct Args {
     /// Drawn pixels along each axis for one of the picture, with four samples each: 1 is quick, 2 smooth.
     #[arg(long, default_value_t = 2)]
     supersampling: usize,
+    /// Draw curves through every particle rather than B-splines, which round off what bends; --colour penetration always does.
+    #[arg(long)]
+    through: bool,
     /// Also write a video (.mp4, by ffmpeg), so many frames a second; the scene's number for a run if 0.
     #[arg(long, value_name = "FPS", num_args = 0..=1, default_missing_value = "0")]
     video: Option<f64>,

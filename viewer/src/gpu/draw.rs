@@ -22,6 +22,9 @@ const PIECE_PIXELS: f32 = 40.0;
 /// Most pieces of a segment.
 const MAX_PIECES: f32 = 8.0;
 
+/// Most memory for a picture's samples: a driver that runs out of it may end the program.
+const MAX_SAMPLE_BYTES: u64 = 4 << 30;
+
 /// Where strands go that are not drawn: far off, all particles in one place, a ribbon without area.
 const NOWHERE: [f32; 3] = [3e6; 3];
 
@@ -68,6 +71,11 @@ pub(super) fn picture(renderer: &Renderer, scene: &Scene) -> Result<Image, Error
             needed: wide.max(high),
             limit,
         });
+    }
+    // Colour and depth of each sample.
+    let needed = wide * high * u64::from(SAMPLES) * (8 + 4);
+    if needed > MAX_SAMPLE_BYTES {
+        return Err(Error::TooLarge { what: "the samples of the picture (bytes)", needed, limit: MAX_SAMPLE_BYTES });
     }
     let surfaces: Vec<f32> = surfaces(scene);
     let extents = Extents::of(scene, surfaces.chunks_exact(9).map(|v| Vector3::new(v[0], v[1], v[2])));

@@ -218,8 +218,8 @@ fn draw(
     };
     let mut scene = Scene { supersampling: args.supersampling, ..Scene::new(camera) };
     let mut strands = Strands::new(&frame.positions, world.groom.n_particles, colour);
-    if args.colour == Colour::Penetration {
-        // What is inside is to be seen where it is.
+    // What is inside a solid is to be seen where it is.
+    if args.through || args.colour == Colour::Penetration {
         strands.curve = Curve::Through;
     }
     scene.strands.push(strands);
