@@ -2,14 +2,15 @@
 //!
 //! Passes, in order: maps of light (solids, first hair, layers of opacity) for each of three lights; solids; then hair in
 //! batches, first its curves coloured point by point, then ribbons, four samples a drawn pixel; last the mean of all
-//! samples. Chance is a hash of strand and pixel, and blending keeps the order of drawing: two pictures of one scene by
-//! one driver are the same bytes. Colouring is done per point of a curve, not per fragment: a head of hair has far more
+//! samples. Nothing is left to chance and blending keeps the order of drawing: two pictures of one scene by one driver are
+//! the same bytes. Colouring is done per point of a curve, not per fragment: a head of hair has far more
 //! fragments than points.
 
 mod device;
 mod draw;
 mod lights;
 mod pipelines;
+mod strands;
 
 use crate::error::Error;
 use crate::image::Image;

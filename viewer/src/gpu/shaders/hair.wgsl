@@ -1,5 +1,5 @@
 // Hair: a smooth curve through the particles of each strand, coloured point by point, then drawn as ribbons that face the
-// camera. A ribbon thinner than a pixel is drawn a pixel wide and covers a share of its samples.
+// camera in their true width: one thinner than a pixel meets as many of its samples as it covers, in the mean.
 
 const PI: f32 = 3.14159265;
 
