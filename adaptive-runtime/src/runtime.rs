@@ -232,6 +232,12 @@ impl Runtime {
         (0..n).map(of).sum::<f64>() / n as f64
     }
 
+    /// Guides a strand is interpolated from at present, each with its weight at a particle.
+    pub fn weights(&self, strand: usize, particle: usize) -> impl Iterator<Item = (u16, f32)> + '_ {
+        let weights = self.strands.active[strand].weights_at(self.strands.u[particle]);
+        self.guide_set(strand).iter().enumerate().map(move |(k, &guide)| (guide, weights[k]))
+    }
+
     /// A hash of guides, offsets and sets: equal states have equal hashes, however often they were read.
     #[must_use]
     pub fn state_hash(&self) -> u64 {

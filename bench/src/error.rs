@@ -85,20 +85,7 @@ pub enum Error {
         /// The solid's name.
         name: String,
     },
-    /// A picture could not be written.
-    #[error("cannot write {path}: {source}", path = path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// The system's reason.
-        source: std::io::Error,
-    },
-    /// A picture could not be encoded.
-    #[error("cannot encode {path}: {source}", path = path.display())]
-    Png {
-        /// The file.
-        path: PathBuf,
-        /// The encoder's reason.
-        source: png::EncodingError,
-    },
+    /// A picture could not be drawn or written.
+    #[error(transparent)]
+    Picture(#[from] hair_viewer::Error),
 }

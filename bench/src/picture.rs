@@ -4,38 +4,13 @@
 //! map from the light darkens what lies behind other hair or a solid, softly, which is what makes hair read as a volume.
 //! Everything is drawn at a multiple of the picture's size and averaged down. The same inputs give the same picture.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
-mod image;
 mod raster;
 
-pub use image::{Image, contact_sheet};
+pub use hair_viewer::{Camera, Image, contact_sheet};
 
 use raster::{Canvas, Projection, Shadow};
-
-/// A perspective camera.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Camera {
-    /// Where it stands, cm.
-    pub eye: [f32; 3],
-    /// What it looks at, cm.
-    pub target: [f32; 3],
-    /// Vertical field of view, radian.
-    pub vertical_fov: f32,
-    /// Width of the picture, pixels.
-    pub width: usize,
-    /// Height of the picture, pixels.
-    pub height: usize,
-}
-
-impl Camera {
-    /// A camera `distance` cm from `target`, `turn` radian about y from the front (+z) towards +x, slightly raised.
-    pub fn around(target: [f32; 3], distance: f32, turn: f32, width: usize, height: usize) -> Self {
-        let (sin, cos) = turn.sin_cos();
-        let eye = [target[0] + distance * sin, target[1] + 0.12 * distance, target[2] + distance * cos];
-        Self { eye, target, vertical_fov: 0.45, width, height }
-    }
-}
 
 /// Strands of one look.
 #[derive(Debug, Clone, Copy)]
@@ -262,14 +237,6 @@ fn all_points<'a>(picture: &'a Picture) -> impl Iterator<Item = Vector3<f32>> + 
 /// `v` at unit length, or zero where it has no direction.
 fn unit(v: Vector3<f32>) -> Vector3<f32> {
     v.try_normalize(1e-12).unwrap_or_default()
-}
-
-/// Right, up and backward unit vectors of a viewer who looks along `forward`, as rows.
-fn viewer_axes(forward: Vector3<f32>) -> Matrix3<f32> {
-    let back = -forward.try_normalize(1e-12).unwrap_or(-Vector3::z());
-    let up = if back.y.abs() > 0.99 { Vector3::z() } else { Vector3::y() };
-    let right = unit(up.cross(&back));
-    Matrix3::from_rows(&[right.transpose(), back.cross(&right).transpose(), back.transpose()])
 }
 
 #[cfg(test)]

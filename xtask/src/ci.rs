@@ -8,11 +8,19 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
+/// Options of `xtask ci`.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub struct Args {
+    /// Also build and test the renderer, which takes minutes more: wgpu is the largest thing that anything here depends on.
+    #[arg(long)]
+    viewer: bool,
+}
+
 /// Runs every step.
 ///
 /// # Errors
 /// Names the steps that failed.
-pub fn run(root: &Path) -> anyhow::Result<()> {
+pub fn run(root: &Path, args: Args) -> anyhow::Result<()> {
     let begin = Instant::now();
     let mut failed = Vec::new();
     let mut step = |name: &'static str, work: &dyn Fn() -> anyhow::Result<()>| {
@@ -33,6 +41,14 @@ pub fn run(root: &Path) -> anyhow::Result<()> {
         cargo(root, &["clippy", "--release", "--workspace", "--all-targets", "--", "-D", "warnings"], &[])
     });
     step("test", &|| cargo(root, &["test", "--release", "--workspace", "--no-fail-fast"], &[]));
+    if args.viewer {
+        // Without a driver its tests say that they are skipped.
+        step("viewer", &|| {
+            let with_driver = ["--release", "--package", "hair-viewer", "--features", "gpu"];
+            cargo(root, &[&["clippy"], &with_driver[..], &["--all-targets", "--", "-D", "warnings"]].concat(), &[])?;
+            cargo(root, &[&["test"], &with_driver[..], &["--no-fail-fast"]].concat(), &[])
+        });
+    }
     // The same profile as clippy: both need only the metadata of dependencies, which is then built once.
     step("doc", &|| cargo(root, &["doc", "--release", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "-D warnings")]));
     step("deny", &|| deny(root));

@@ -17,6 +17,7 @@ mod report;
 mod run_scene;
 mod tidy;
 mod train;
+mod view;
 
 use clap::{Parser, Subcommand};
 use std::path::{Path, PathBuf};
@@ -45,10 +46,12 @@ enum Command {
     Compare(compare::Args),
     /// Measure parts on their own.
     Bench(bench::Args),
+    /// Pictures of a scene by a graphics driver, that of a card or Mesa's: still, around, or as it moves.
+    View(view::Args),
     /// Convert a groom to .hair, or a mesh to .obj.
     Convert(convert::Args),
     /// Check everything: format, lints, tests, docs, licences, tidiness, paper map.
-    Ci,
+    Ci(ci::Args),
     /// Check what compilers do not: file headers and sizes, dependency edges, prints in libraries, stray paths.
     Tidy,
     /// Collect where the papers' equations live into docs/PAPER_MAP.md.
@@ -84,12 +87,13 @@ fn main() -> ExitCode {
 
 fn run(command: Command) -> anyhow::Result<()> {
     match command {
+        Command::View(args) => view::run(&args),
         Command::Train(args) => train::run(args),
         Command::RunScene(args) => run_scene::run(args),
         Command::Compare(args) => compare::run(args),
         Command::Bench(args) => bench::run(args),
         Command::Convert(args) => convert::run(args),
-        Command::Ci => ci::run(&workspace_root()),
+        Command::Ci(args) => ci::run(&workspace_root(), args),
         Command::Tidy => run_tidy(&workspace_root()),
         Command::PaperMap(args) => run_paper_map(&workspace_root(), args.check),
     }

@@ -162,21 +162,25 @@ fn placed(mesh: &TriMesh, pose: &Isometry3<f64>) -> TriMesh {
     TriMesh { vertices, triangles: mesh.triangles.clone() }
 }
 
-/// A picture of the hair at time `t` from the scene's camera.
-pub fn picture(world: &World, t: f64, positions: &[[f32; 3]]) -> Image {
+/// The scene's camera.
+pub fn camera(world: &World) -> Camera {
     let camera = &world.scene.camera;
-    let mut meshes = vec![(placed(&world.head_mesh, &world.world_from_head(t)), SKIN)];
-    for (mesh, pose) in world.solid_meshes.iter().zip(world.world_from_solids(t)) {
-        meshes.push((placed(mesh, &pose), HORN));
-    }
-    let mut picture = Picture::new(Camera {
+    Camera {
         eye: camera.eye_cm.map(|x| x as f32),
         target: camera.target_cm.map(|x| x as f32),
         vertical_fov: camera.vertical_fov_deg.to_radians() as f32,
         width: camera.width as usize,
         height: camera.height as usize,
-    })
-    .with_hair(positions, world.groom.n_particles);
+    }
+}
+
+/// A picture of the hair at time `t` from the scene's camera.
+pub fn picture(world: &World, t: f64, positions: &[[f32; 3]]) -> Image {
+    let mut meshes = vec![(placed(&world.head_mesh, &world.world_from_head(t)), SKIN)];
+    for (mesh, pose) in world.solid_meshes.iter().zip(world.world_from_solids(t)) {
+        meshes.push((placed(mesh, &pose), HORN));
+    }
+    let mut picture = Picture::new(camera(world)).with_hair(positions, world.groom.n_particles);
     for (mesh, color) in &meshes {
         picture = picture.with_solid(mesh, *color);
     }

@@ -3,6 +3,7 @@
 use crate::pipeline::{describe, load_scene, prepare, reference, use_threads};
 use crate::progress::Bars;
 use crate::report::{picture, print_stages, print_table, run_json, write_beside};
+use crate::view;
 use anyhow::{Context, Result};
 use hair_bench::picture::contact_sheet;
 use hair_bench::run::{Mode, run as run_mode};
@@ -36,6 +37,9 @@ pub struct Args {
     /// Skip the animation cache.
     #[arg(long)]
     no_cache: bool,
+    /// Draw pictures by a graphics driver, as `view` does, rather than by the plain rasteriser built in.
+    #[arg(long)]
+    shaded: bool,
     /// Pictures on the contact sheet.
     #[arg(long, default_value_t = 9)]
     pictures: usize,
@@ -71,14 +75,16 @@ pub fn run(args: Args) -> Result<()> {
     if args.pictures > 0 {
         let bar = bars.bar("pictures", args.pictures as u64);
         let last = frames.len() - 1;
-        let images: Vec<_> = (0..args.pictures)
-            .into_par_iter()
-            .map(|k| {
-                let (t, points) = &frames[last * k / (args.pictures - 1).max(1)];
+        let chosen: Vec<_> = (0..args.pictures).map(|k| &frames[last * k / (args.pictures - 1).max(1)]).collect();
+        let images = if args.shaded {
+            view::pictures(world, &chosen, &bars, || bar.inc(1))?
+        } else {
+            let draw = |(t, points): &&(f64, Vec<[f32; 3]>)| {
                 bar.inc(1);
                 picture(world, *t, points)
-            })
-            .collect();
+            };
+            chosen.par_iter().map(draw).collect()
+        };
         bar.finish_and_clear();
         let columns = (args.pictures as f64).sqrt().ceil() as usize;
         contact_sheet(&images, columns).write_png(&file("png"))?;

@@ -5,8 +5,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::image::Image;
-use super::{Camera, viewer_axes};
+use super::Camera;
+use hair_viewer::{Image, viewer_axes};
 
 /// World to canvas.
 pub(super) struct Projection {

@@ -216,6 +216,24 @@ fn effective_guides_lie_between_one_and_the_size_of_the_set() {
 }
 
 #[test]
+fn the_weights_told_are_those_of_the_set_and_sum_to_one() {
+    /// Nine weights in f32.
+    const ROUND_OFF: f32 = 1e-6;
+    let (row, runtime) = divided_by_a_rod();
+    for s in 0..row.x.len() {
+        let mut squares = 0.0;
+        for i in 0..runtime.n_particles() {
+            let (guides, weights): (Vec<u16>, Vec<f32>) = runtime.weights(s, i).unzip();
+            assert_eq!(guides, runtime.guide_set(s));
+            assert!((weights.iter().sum::<f32>() - 1.0).abs() < ROUND_OFF, "strand {s} at {i}: {weights:?}");
+            squares += 1.0 / f64::from(weights.iter().map(|w| w * w).sum::<f32>());
+        }
+        let effective = squares / runtime.n_particles() as f64;
+        assert!((effective - runtime.effective_guides(s)).abs() < f64::from(ROUND_OFF), "strand {s}: {effective}");
+    }
+}
+
+#[test]
 fn hardly_a_hair_gets_into_a_slow_tooth_and_none_through() {
     /// Largest share of strands by the tooth that may be inside it, over all steps: what the project promises of a comb.
     const INSIDE_SHARE: f64 = 0.02;
