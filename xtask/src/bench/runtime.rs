@@ -38,10 +38,10 @@ pub struct Args {
     #[arg(long)]
     hairs: Option<usize>,
     /// Hairs whose share inside solids is counted.
-    #[arg(long, default_value_t = 20_000)]
+    #[arg(long, default_value_t = 10_000)]
     measured: usize,
     /// Hairs simulated one by one beside them, for standoff, flicker and error.
-    #[arg(long, default_value_t = 4_000)]
+    #[arg(long, default_value_t = 2_000)]
     reference: usize,
     /// Minutes of salon in the part `endurance`.
     #[arg(long, default_value_t = 10.0)]
