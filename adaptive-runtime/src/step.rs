@@ -288,9 +288,8 @@ impl Runtime {
         let turn = self.world_from_head.rotation;
         for worker in &self.workers {
             for hold in &worker.holds {
-                let stiffness = self.params.two_way.stiffness_over_inertia
-                    * f64::from(masses[hold.strand as usize])
-                    / (dt * dt);
+                let stiffness =
+                    self.params.two_way.stiffness_over_inertia * f64::from(masses[hold.strand as usize]) / (dt * dt);
                 let force = turn * (Vector3::from(hold.held).cast::<f64>() * stiffness);
                 let &Hold { strand, segment, s, .. } = hold;
                 self.contact_points.push(ContactPoint { strand, segment, s, force: force.cast::<f32>().into() });
