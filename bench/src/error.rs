@@ -67,6 +67,14 @@ pub enum Error {
         /// The names that exist.
         known: String,
     },
+    /// What an experiment asked of its place could not be had.
+    #[error("{what}: {source}")]
+    Place {
+        /// What was asked for.
+        what: String,
+        /// Why it could not be had.
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
     /// A parameter is out of its range.
     #[error("{name} is {value}, but must be finite and at least {least}")]
     BadParameter {
