@@ -155,11 +155,11 @@ impl Assignment {
         clusters: &Clusters,
         transforms: &TransformArrays,
         params: &AssignParams,
-        step_number: u64,
+        choice_number: u64,
         sets: &[u16],
     ) -> &[SetChange] {
         self.mark(graph);
-        self.collect_due(params, step_number);
+        self.collect_due(params, choice_number);
         let choosing = Choosing { model, graph, clusters, transforms, params, lanes: &self.lanes };
         let n_workers = (4 * rayon::current_num_threads()).min(self.due.len().div_ceil(LEAST_PER_WORKER)).max(1);
         let share = self.due.len().div_ceil(n_workers).max(1);
@@ -223,7 +223,7 @@ impl Assignment {
         }
     }
 
-    fn collect_due(&mut self, params: &AssignParams, step_number: u64) {
+    fn collect_due(&mut self, params: &AssignParams, choice_number: u64) {
         self.due.clear();
         let grows = params.growth_tolerance_cm >= 0.0;
         for word in 0..self.broken.len() {
@@ -235,7 +235,7 @@ impl Assignment {
             let mut due = self.broken[word];
             self.broken[word] = 0;
             if grows && wanting != 0 {
-                due |= wanting & turn_of_word(step_number, word, params.growth_period);
+                due |= wanting & turn_of_word(choice_number, word, params.growth_period);
             }
             while due != 0 {
                 let s = (word * 64) as u32 + due.trailing_zeros();
@@ -253,14 +253,14 @@ const LEAST_PER_WORKER: usize = 64;
 
 /// Whether a hair may try to grow in a step: hairs take turns. The plain form of [`turn_of_word`].
 #[cfg(test)]
-fn is_turn(step_number: u64, strand: u64, period: u32) -> bool {
-    (step_number + strand).is_multiple_of(u64::from(period))
+fn is_turn(choice_number: u64, strand: u64, period: u32) -> bool {
+    (choice_number + strand).is_multiple_of(u64::from(period))
 }
 
-/// Which of the 64 hairs of a word may try to grow in a step: hair `s` where `step_number + s` is a multiple of the period.
-fn turn_of_word(step_number: u64, word: usize, period: u32) -> u64 {
+/// Which of the 64 hairs of a word may try to grow in a step: hair `s` where `choice_number + s` is a multiple of the period.
+fn turn_of_word(choice_number: u64, word: usize, period: u32) -> u64 {
     let period = u64::from(period);
-    let first = (period - (step_number + 64 * word as u64) % period) % period;
+    let first = (period - (choice_number + 64 * word as u64) % period) % period;
     let mut turns = 0;
     let mut bit = first;
     while bit < 64 {

@@ -17,6 +17,8 @@ mod kernels;
 mod look;
 mod offset;
 mod params;
+mod past;
+mod planes;
 mod read;
 mod response;
 mod runtime;
@@ -34,8 +36,8 @@ pub use graph::GuideGraph;
 pub use guides::{material_of, record_of};
 pub use hair_hair::{HairHairParams, HairHairReport};
 pub use params::{
-    AssignParams, CliqueRule, Correction, DftlParams, EdgeDistance, GuideIntegrator, ResidualParams, RuntimeParams,
-    TwoWayParams, TwoWaySolve, WeightRule,
+    AssignParams, CliqueRule, Correction, DftlParams, EdgeDistance, GuideIntegrator, MAX_STEPS_PER_MEETING,
+    ResidualParams, RuntimeParams, TwoWayParams, TwoWaySolve, WeightRule,
 };
 pub use runtime::{Runtime, neighbours_together};
 pub use step::{StepInput, StepReport};

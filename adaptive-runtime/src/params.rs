@@ -41,8 +41,10 @@ pub struct AssignParams {
     /// A set still inside a clique may be left for a better-trained one that moves the strand by at most this (RMS, cm);
     /// negative never leaves it, as AS16 Eq. (3) to the letter.
     pub growth_tolerance_cm: f32,
-    /// Steps between a strand's attempts to grow back; strands take turns.
+    /// Choices between a strand's attempts to grow back; strands take turns.
     pub growth_period: u32,
+    /// Steps between choices: edges are decided in one, and hairs choose half as many steps later.
+    pub steps_per_choice: u32,
     /// Whether edges need similar motion (AS16 §4.1), as `edge_distance` measures it.
     pub similarity: bool,
     /// What two guides must be near in.
@@ -141,11 +143,19 @@ pub struct ResidualParams {
     pub max_substeps: usize,
     /// Relative motion of strand and solid per substep, as a multiple of the solid's least half-thickness.
     pub motion_per_substep: f64,
+    /// Most steps that strands near a solid go between being met: fewer where they would move by more than `motion_per_meeting`. A power of
+    /// two, at most [`MAX_STEPS_PER_MEETING`].
+    pub steps_per_meeting: usize,
+    /// Relative motion of strand and solid between meetings several steps apart, as a multiple of the solid's least half-thickness.
+    pub motion_per_meeting: f64,
     /// Largest speed of an offset, cm/s.
     pub max_speed: f64,
     /// Offsets that stay below this are dropped, cm.
     pub rest_cm: f64,
 }
+
+/// Most steps that strands may go between being met with solids.
+pub const MAX_STEPS_PER_MEETING: usize = 4;
 
 /// All parameters of a runtime.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -190,7 +200,8 @@ impl RuntimeParams {
                 adapt: true,
                 cost_tolerance_cm: 0.05,
                 growth_tolerance_cm: 0.5,
-                growth_period: 8,
+                growth_period: 4,
+                steps_per_choice: 2,
                 similarity: true,
                 avoidance: true,
                 edge_distance: EdgeDistance::Motion,
@@ -200,7 +211,7 @@ impl RuntimeParams {
             two_way: TwoWayParams {
                 enabled: true,
                 solve: TwoWaySolve::ConjugateGradients { iterations: 6 },
-                stiffness_over_inertia: 0.1,
+                stiffness_over_inertia: 0.03,
                 idle_row_weight: 0.05,
                 ridge: 1e-3,
                 memory: 0.8,
@@ -211,6 +222,8 @@ impl RuntimeParams {
                 return_rate: 5.0,
                 max_substeps: 8,
                 motion_per_substep: 2.0,
+                steps_per_meeting: 2,
+                motion_per_meeting: 3.0,
                 max_speed: 300.0,
                 rest_cm: 1e-4,
             },
@@ -247,6 +260,7 @@ impl RuntimeParams {
         params.two_way.solve = TwoWaySolve::LeastSquares;
         params.assign.cliques = CliqueRule::Grown;
         params.gap_period = 1;
+        params.assign.steps_per_choice = 1;
         params.two_way.idle_row_weight = 1.0;
         params.two_way.memory = 0.0;
         params.residual.correction = Correction::None;
@@ -281,8 +295,15 @@ impl RuntimeParams {
         if self.residual.max_substeps == 0 {
             return bad("residual.max_substeps", 0.0, "at least one");
         }
+        let steps = self.residual.steps_per_meeting;
+        if !(steps.is_power_of_two() && steps <= MAX_STEPS_PER_MEETING) {
+            return bad("residual.steps_per_meeting", steps as f64, "one, two or four");
+        }
         if self.gap_period == 0 {
             return bad("gap_period", 0.0, "at least one");
+        }
+        if self.assign.steps_per_choice == 0 {
+            return bad("assign.steps_per_choice", 0.0, "at least one");
         }
         if self.assign.growth_period == 0 {
             return bad("assign.growth_period", 0.0, "at least one");
@@ -297,6 +318,7 @@ impl RuntimeParams {
         }
         for (name, value) in [
             ("residual.motion_per_substep", self.residual.motion_per_substep),
+            ("residual.motion_per_meeting", self.residual.motion_per_meeting),
             ("residual.return_rate", self.residual.return_rate),
             ("residual.max_speed", self.residual.max_speed),
             ("residual.rest_cm", self.residual.rest_cm),

@@ -7,9 +7,10 @@ use crate::error::Error;
 use crate::graph::GuideGraph;
 use crate::guides::{Guides, material_of};
 use crate::hair_hair::HairHair;
-use crate::interpolate::{MAX_PARTICLES, TransformArrays, Travelled, padded};
+use crate::interpolate::{MAX_PARTICLES, Travelled, padded};
 use crate::offset::N_FIXED;
 use crate::params::{RuntimeParams, WeightRule};
+use crate::past::{Past, Pasts};
 use crate::response::Response;
 use crate::strands::{Strands, order};
 use crate::two_way::{ContactPoint, TwoWay};
@@ -35,8 +36,8 @@ pub struct Runtime {
     /// Time since the runtime was made, s.
     pub(crate) time: f64,
     pub(crate) guides: Guides,
-    /// Guides' transforms before the last step.
-    pub(crate) transforms_before: TransformArrays,
+    /// States before the last steps.
+    pub(crate) pasts: Pasts,
     pub(crate) travelled: Vec<Travelled>,
     pub(crate) graph: GuideGraph,
     pub(crate) clusters: Clusters,
@@ -44,9 +45,8 @@ pub struct Runtime {
     /// Index of each strand's guide set within its kept sets.
     pub(crate) sets: Vec<u16>,
     pub(crate) strands: Strands,
-    /// How offsets near solids move, for each number of substeps, in steps of `response_dt` s.
-    pub(crate) responses: Vec<Response>,
-    pub(crate) response_dt: f64,
+    /// How offsets near solids move, for each number of steps that strands have gone unmet.
+    pub(crate) responses: Vec<Responses>,
     pub(crate) spacing_cm: f64,
     /// Mass of a particle of each strand, g.
     pub(crate) particle_masses: Vec<f32>,
@@ -62,9 +62,21 @@ pub struct Runtime {
     pub(crate) skins: [Vec<f32>; 2],
 }
 
+/// How offsets move over a time, undivided and in each number of substeps.
+#[derive(Clone, Debug)]
+pub(crate) struct Responses {
+    /// s.
+    pub over: f64,
+    pub by_substeps: Vec<Response>,
+}
+
 /// What one part of the strands met, the same whatever the number of threads.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Worker {
+    /// Steps done when it was met last.
+    pub met: u64,
+    /// Deepest that any strand is left in a solid, cm.
+    pub deepest: f32,
     pub holds: Vec<Hold>,
     pub near: u32,
     pub pushed: u32,
@@ -131,6 +143,12 @@ impl Runtime {
         } else {
             None
         };
+        let state = Past {
+            transforms: guides.arrays.clone(),
+            world_from_head,
+            world_from_solids: world_from_solids.to_vec(),
+            time: 0.0,
+        };
         let two_way = TwoWay::of_model(&model, strands.active.iter(), &params.two_way);
         Ok(Self {
             material,
@@ -141,7 +159,7 @@ impl Runtime {
             world_from_solids: world_from_solids.to_vec(),
             step_number: 0,
             time: 0.0,
-            transforms_before: guides.arrays.clone(),
+            pasts: Pasts::new(params.residual.steps_per_meeting, &state),
             guides,
             travelled: Vec::new(),
             assignment: Assignment::new(&model, &graph),
@@ -150,7 +168,6 @@ impl Runtime {
             sets,
             strands,
             responses: Vec::new(),
-            response_dt: f64::NAN,
             spacing_cm: mean_spacing_cm(&model),
             particle_masses: (0..n_strands).map(|s| particle_mass(&model, &material, s) as f32).collect(),
             previous: positions.clone(),
@@ -263,7 +280,7 @@ impl Runtime {
         self.guides.carry_to(&self.world_from_head, world_from_head);
         self.world_from_head = *world_from_head;
         // Solids are elsewhere for the hair now.
-        self.strands.forget_touches();
+        self.forget_touches();
     }
 
     /// Puts a solid elsewhere, at rest: for one that appears, leaves or jumps, which a step would sweep through all hair on its way. Hair it
@@ -275,7 +292,13 @@ impl Runtime {
         self.world_from_solids[solid] = *world_from_solid;
         // Guides keep how far solids are for as long as either's motion allows.
         self.guides.carry_to(&Isometry3::identity(), &Isometry3::identity());
+        self.forget_touches();
+    }
+
+    /// Forgets where solids are for the strands, and how anything has moved.
+    fn forget_touches(&mut self) {
         self.strands.forget_touches();
+        self.workers.iter_mut().for_each(|worker| worker.met = self.step_number);
     }
 
     /// Sets all guides in the head frame and reads every strand as its present set skins it, without dynamics or
@@ -286,6 +309,7 @@ impl Runtime {
     pub fn replay(&mut self, guides_in_head: &[[f32; 3]], world_from_head: &Isometry3<f64>) {
         self.guides.place(guides_in_head);
         self.world_from_head = *world_from_head;
+        self.forget_touches();
         self.strands.forget_offsets();
         self.read();
     }

@@ -3,15 +3,15 @@
 use crate::assign::decode;
 use crate::correct::{Hold, MAX_SOLIDS, Members, Outcome, Skins, Surroundings, Travel, Work, correct};
 use crate::graph::EdgeRule;
-use crate::params::{CliqueRule, Correction};
+use crate::params::{CliqueRule, Correction, MAX_STEPS_PER_MEETING};
 use crate::response::{Elasticity, Response};
-use crate::runtime::{Runtime, Worker};
+use crate::runtime::{Responses, Runtime, Worker};
 use crate::solid_in_head::SolidInHead;
 use crate::strands::{GROUP, Wake};
 use crate::timings::{StageTimings, timed};
 use crate::two_way::{ContactPoint, Round};
 use arrayvec::ArrayVec;
-use collision::{MovingDeformingSolid, MovingSolid, SolidPose};
+use collision::{MovingDeformingSolid, MovingSolid, Solid, SolidPose};
 use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
 use std::cell::RefCell;
@@ -25,7 +25,19 @@ thread_local! {
 }
 
 /// Strands of a part.
-const PART: usize = GROUPS_PER_PART * GROUP;
+pub(crate) const PART: usize = GROUPS_PER_PART * GROUP;
+
+/// Times whose ratio is as near to one are the same.
+const SAME_TIME: f64 = 1e-9;
+
+/// The largest power of two that is neither more than `share` nor than `most`; at least one.
+fn steps_within(share: f32, most: usize) -> usize {
+    let mut steps = 1;
+    while 2 * steps <= most && share >= 2.0 * steps as f32 {
+        steps *= 2;
+    }
+    steps
+}
 
 /// What drives a step.
 #[derive(Clone, Copy, Debug)]
@@ -49,6 +61,8 @@ pub struct StepReport {
     pub corrected_strands: u32,
     /// Strands pushed by a solid.
     pub strands_in_contact: u32,
+    /// Deepest that a strand is left in a solid where it was looked at, cm; zero for none.
+    pub deepest_cm: f32,
     /// Guides pushed by normal hairs.
     pub guides_pushed: u32,
     /// Hairs that changed their guide set.
@@ -90,16 +104,8 @@ impl Runtime {
             solid,
             pose: SolidPose { from: self.world_from_head, to: input.world_from_head },
         });
-        let (head_before, head_now) = (self.world_from_head.inverse(), input.world_from_head.inverse());
-        let in_head: ArrayVec<SolidInHead, MAX_SOLIDS> = moving
-            .iter()
-            .map(|m| {
-                let pose = SolidPose { from: head_before * m.pose.from, to: head_now * m.pose.to };
-                SolidInHead::new(m.solid, pose)
-            })
-            .collect();
-
-        self.transforms_before.copy_from(&self.guides.arrays);
+        self.pasts.push(&self.guides.arrays, &self.world_from_head, &self.world_from_solids, self.time);
+        let in_head = self.in_head(&solids, input, 1);
         let guide_report = timed(&mut report.timings.guide_sim, || {
             let all: ArrayVec<MovingSolid, { MAX_SOLIDS + 1 }> = moving.iter().copied().chain(moving_head).collect();
             let carried = strand_sim::StepInput::carried(input.dt, self.world_from_head, input.world_from_head);
@@ -113,10 +119,12 @@ impl Runtime {
         report.quarantined += guide_report.quarantined;
         self.world_from_head = input.world_from_head;
         self.time += input.dt;
-        let (before, now) = (&self.transforms_before, &self.guides.arrays);
+        let (before, now) = (&self.pasts.back(1).transforms, &self.guides.arrays);
         self.strands.travel(&self.model, before, now, &in_head, &mut self.travelled);
 
-        if self.params.assign.adapt {
+        let every = u64::from(self.params.assign.steps_per_choice);
+        let turn = self.step_number % every;
+        if self.params.assign.adapt && turn == 0 {
             timed(&mut report.timings.graph, || {
                 let rule = EdgeRule {
                     similarity: self.params.assign.similarity,
@@ -131,7 +139,9 @@ impl Runtime {
             if self.params.assign.cliques == CliqueRule::Grown {
                 timed(&mut report.timings.clusters, || self.clusters.update(&self.graph));
             }
-            report.set_changes = timed(&mut report.timings.assignment, || self.assign());
+        }
+        if self.params.assign.adapt && turn == every / 2 {
+            report.set_changes = timed(&mut report.timings.assignment, || self.assign(self.step_number / every));
         }
         report.connectivity = self.graph.connectivity();
 
@@ -139,7 +149,7 @@ impl Runtime {
             !in_head.is_empty() && (self.params.residual.correction != Correction::None || self.params.two_way.enabled);
         if near {
             let mut hair_contact = std::time::Duration::ZERO;
-            timed(&mut hair_contact, || self.meet_solids(input.dt, &in_head, head.as_ref(), &mut report));
+            timed(&mut hair_contact, || self.meet_solids(input, &solids, head.as_ref(), &mut report));
             report.timings.hair_contact = hair_contact;
         }
         report.guides_pushed = timed(&mut report.timings.two_way, || self.push_back(input.dt)) as u32;
@@ -152,11 +162,11 @@ impl Runtime {
         report
     }
 
-    /// Chooses each hair's set; returns how many changed.
-    fn assign(&mut self) -> u32 {
+    /// Chooses each hair's set, for the `choice`th time; returns how many changed.
+    fn assign(&mut self, choice: u64) -> u32 {
         let (assign, residual, transforms) = (&self.params.assign, &self.params.residual, &self.guides.arrays);
         let (model, graph, clusters) = (&self.model, &self.graph, &self.clusters);
-        let changes = self.assignment.update(model, graph, clusters, transforms, assign, self.step_number, &self.sets);
+        let changes = self.assignment.update(model, graph, clusters, transforms, assign, choice, &self.sets);
         for change in changes {
             let s = change.strand as usize;
             let active = decode(model, s, change.set, assign.weights);
@@ -174,51 +184,77 @@ impl Runtime {
         }
     }
 
-    /// Tables for steps of another length than the last.
-    fn fit_responses(&mut self, dt: f64) {
-        if self.response_dt == dt {
-            return;
-        }
+    /// Tables for strands last met up to `most` steps ago.
+    fn fit_responses(&mut self, most: usize) {
+        let residual = &self.params.residual;
         let of = Elasticity {
             spacing_cm: self.spacing_cm,
             material: &self.material,
             gravity_cm_per_s2: self.params.guides.gravity.norm(),
-            return_rate: self.params.residual.return_rate,
+            return_rate: residual.return_rate,
         };
         let (n, pad) = (self.strands.n_particles, self.strands.pad);
-        self.responses.clear();
-        let most = self.params.residual.max_substeps;
-        self.responses.extend((1..=most).map(|k| Response::new(n, pad, of, dt / k as f64)));
-        self.response_dt = dt;
+        for steps in 1..=most {
+            let over = self.time - self.pasts.back(steps).time;
+            let known = self.responses.get(steps - 1).map_or(f64::NAN, |known| known.over);
+            // Sums of equal steps differ by round-off, which a table of them does not see.
+            if (known - over).abs() <= SAME_TIME * over {
+                continue;
+            }
+            let by_substeps = (1..=residual.max_substeps).map(|k| Response::new(n, pad, of, over / k as f64)).collect();
+            let table = Responses { over, by_substeps };
+            match self.responses.get_mut(steps - 1) {
+                Some(known) => *known = table,
+                None => self.responses.push(table),
+            }
+        }
+    }
+
+    /// The solids on their way over the last `steps` steps, the one of `input` included.
+    fn in_head<'a>(
+        &self,
+        solids: &'a [Solid],
+        input: &StepInput,
+        steps: usize,
+    ) -> ArrayVec<SolidInHead<'a>, MAX_SOLIDS> {
+        let past = self.pasts.back(steps);
+        let (before, now) = (past.world_from_head.inverse(), input.world_from_head.inverse());
+        let poses = past.world_from_solids.iter().zip(input.world_from_solids);
+        solids
+            .iter()
+            .zip(poses)
+            .map(|(solid, (from, to))| SolidInHead::new(solid, SolidPose { from: before * from, to: now * to }))
+            .collect()
     }
 
     /// Corrects every strand that may be in reach of a solid, and leaves what holds them in the workers.
-    fn meet_solids(
-        &mut self,
-        dt: f64,
-        solids: &[SolidInHead],
-        head: Option<&collision::Solid>,
-        report: &mut StepReport,
-    ) {
+    ///
+    /// A part of the strands is met in every step where it moves fast against solids, else in every second or fourth, parts taking
+    /// turns.
+    fn meet_solids(&mut self, input: &StepInput, solids: &[Solid], head: Option<&Solid>, report: &mut StepReport) {
+        let residual = &self.params.residual;
+        let most = if residual.correction == Correction::Carried { residual.steps_per_meeting } else { 1 };
+        let motion = residual.motion_per_meeting as f32
+            * solids.iter().map(|s| s.half_thickness_cm).fold(f32::INFINITY, f32::min);
         self.fit_workers(self.strands.groups.len().div_ceil(GROUPS_PER_PART));
-        self.fit_responses(dt);
+        self.fit_responses(most);
+        let on_their_way: ArrayVec<_, MAX_STEPS_PER_MEETING> =
+            (1..=most).map(|steps| self.in_head(solids, input, steps)).collect();
         let strands = &mut self.strands;
         let (n, pad) = (strands.n_particles, strands.pad);
-        let around = Surroundings {
-            dt,
-            time: self.time,
-            step: self.step_number,
-            solids,
-            head,
-            params: &self.params,
-            responses: &self.responses,
-            length_cm: (self.spacing_cm * (n - 1) as f64) as f32,
-            pad,
-            n,
-        };
-        let (transforms, before) = (&self.guides.arrays, &self.transforms_before);
         let (rest, active, u) = (&strands.rest, &strands.active, &strands.u);
-        let skins = Skins { rest, u, active, transforms, before, pad };
+        let (params, responses) = (&self.params, &self.responses);
+        let length_cm = (self.spacing_cm * (n - 1) as f64) as f32;
+        let (step, time) = (self.step_number, self.time);
+        let since: ArrayVec<(Surroundings, Skins), MAX_STEPS_PER_MEETING> = (1..=most)
+            .map(|steps| {
+                let past = self.pasts.back(steps);
+                let (solids, responses) = (&on_their_way[steps - 1], &responses[steps - 1].by_substeps);
+                let (dt, steps) = (time - past.time, steps as u64);
+                let around = Surroundings { dt, time, step, steps, solids, head, params, responses, length_cm, pad, n };
+                (around, Skins { rest, u, active, transforms: &self.guides.arrays, before: &past.transforms, pad })
+            })
+            .collect();
         strands
             .groups
             .par_chunks_mut(GROUPS_PER_PART)
@@ -227,45 +263,52 @@ impl Runtime {
             .zip(strands.fades.par_chunks_mut(PART))
             .zip(strands.carried.par_chunks_mut(PART * 6 * pad))
             .zip(self.workers.par_iter_mut())
-            .for_each(|(((((groups, slots), wakes), fades), carried), worker)| {
-                let Worker { holds, near, pushed, lost } = worker;
+            .enumerate()
+            .for_each(|(part, (((((groups, slots), wakes), fades), carried), worker))| {
+                let due = groups.iter().filter(|group| group.wake.is_due(group.travel, time));
+                let fastest = due.fold(0.0f32, |most, group| most.max(group.last_travel));
+                let every = steps_within(motion / fastest, most);
+                worker.lost = 0;
+                if (step as usize + part) % every != 0 {
+                    return;
+                }
+                let steps = (step + 1 - worker.met).min(most as u64) as usize;
+                let (around, skins) = &since[steps - 1];
+                let Worker { met, deepest, holds, near, pushed, lost } = worker;
                 holds.clear();
-                (*near, *pushed, *lost) = (0, 0, 0);
+                (*near, *pushed, *deepest, *met) = (0, 0, 0.0, step + 1);
                 let members = slots
                     .chunks_mut(GROUP)
                     .zip(wakes.chunks_mut(GROUP))
                     .zip(fades.chunks_mut(GROUP))
                     .zip(carried.chunks_mut(GROUP * 6 * pad));
                 for (group, (((slots, wakes), fades), carried)) in groups.iter_mut().zip(members) {
-                    if !group.wake.is_due(group.travel, around.time) {
+                    let last = (group.travel - group.met) as f32;
+                    group.met = group.travel;
+                    if !group.wake.is_due(group.travel, time) {
                         continue;
                     }
                     let mut awake = [0u8; GROUP];
                     let mut n_awake = 0;
                     for (k, wake) in wakes.iter().enumerate() {
-                        if wake.is_due(group.travel, around.time) {
+                        if wake.is_due(group.travel, time) {
                             awake[n_awake] = k as u8;
                             n_awake += 1;
                         }
                     }
-                    let travel = Travel { total: group.travel, last: group.last_travel };
+                    let travel = Travel { total: group.travel, last, next: every as f32 * group.last_travel };
                     let mut members = Members { slots, wakes, fades, carried };
+                    let awake = &awake[..n_awake];
                     WORK.with_borrow_mut(|work| {
-                        correct(
-                            &around,
-                            &skins,
-                            &mut members,
-                            &awake[..n_awake],
-                            travel,
-                            work,
-                            holds,
-                            &mut |outcome| match outcome {
+                        correct(around, skins, &mut members, awake, travel, work, holds, &mut |outcome, depth| {
+                            *deepest = deepest.max(depth);
+                            match outcome {
                                 Outcome::Away => {}
                                 Outcome::Near => *near += 1,
                                 Outcome::Pushed => (*near, *pushed) = (*near + 1, *pushed + 1),
                                 Outcome::Lost => *lost += 1,
-                            },
-                        );
+                            }
+                        });
                     });
                     let never = Wake { at: f64::INFINITY, from: f64::INFINITY };
                     group.wake = members.wakes.iter().fold(never, |first, wake| first.first(*wake));
@@ -275,6 +318,7 @@ impl Runtime {
             report.corrected_strands += worker.near;
             report.strands_in_contact += worker.pushed;
             report.quarantined += worker.lost;
+            report.deepest_cm = report.deepest_cm.max(worker.deepest);
         }
     }
 

@@ -83,6 +83,8 @@ pub(crate) struct Group {
     pub wake: Wake,
     /// Travel of the last step, cm.
     pub last_travel: f32,
+    /// Travel when its part was met last, cm.
+    pub met: f64,
     /// Guides that any of its strands may follow: range of [`Strands::leads`].
     leads: std::ops::Range<usize>,
 }
@@ -166,7 +168,7 @@ impl Strands {
             leads.truncate(kept);
             let leads_here = first..kept;
             note_followed(&mut leads[leads_here.clone()], members.iter().map(|&s| &active[s as usize]));
-            groups.push(Group { travel: 0.0, wake: Wake::NOW, last_travel: 0.0, leads: leads_here });
+            groups.push(Group { travel: 0.0, wake: Wake::NOW, last_travel: 0.0, met: 0.0, leads: leads_here });
         }
         Self {
             n_particles: n,
@@ -195,12 +197,14 @@ impl Strands {
     pub(crate) fn forget_touches(&mut self) {
         self.slots.iter_mut().for_each(|slot| slot.n_touches = 0);
         self.wakes.fill(Wake::NOW);
-        self.groups.iter_mut().for_each(|group| group.wake = Wake::NOW);
+        for group in &mut self.groups {
+            group.wake = Wake::NOW;
+            group.met = group.travel;
+        }
     }
 
     /// Drops all offsets.
     pub(crate) fn forget_offsets(&mut self) {
-        self.forget_touches();
         self.fades.fill(Fade::NONE);
     }
 
