@@ -211,7 +211,8 @@ pub(crate) fn keep_lengths(skin: &[f32], rest: &[f32], x: &mut [f32], offset: &m
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::Vector3;
+    use crate::response::Elasticity;
+    use nalgebra::{Isometry3, Vector3};
 
     const PAD: usize = 32;
     const N: usize = 25;
@@ -255,6 +256,34 @@ mod tests {
                 (x - d - before).abs() < ROUND_OFF_CM,
                 "velocity is what the strand has moved from its offset at the start"
             );
+        }
+    }
+
+    #[test]
+    fn a_strand_shown_between_meetings_lies_in_front_of_its_planes_wherever_their_solid_has_gone() {
+        /// Each plane is held where the strand passes it; pushes at others nearby move that by no more.
+        const BEHIND_CM: f32 = 0.02;
+        let material = strand_sim::Material::straight();
+        let of = Elasticity { spacing_cm: 1.0, material: &material, gravity_cm_per_s2: 981.0, return_rate: 5.0 };
+        let response = Response::new(N, PAD, of, 0.01);
+        let plane = |segment: u16, x: f32| Touch {
+            solid: 0,
+            segment,
+            s: 0.5,
+            gap: 0.05,
+            point: [0.0, -f32::from(segment) - 0.5, 0.0],
+            normal: [x, 0.0, 0.0],
+        };
+        for shift in [0.0, 0.1, 0.3] {
+            let frame = Frame::new(&Isometry3::translation(-shift, 0.0, 0.0));
+            let mut touches = [plane(8, 1.0), plane(15, 1.0)];
+            let mut x = strand(0.0);
+            let held = hold_where_shown(&mut touches, &[frame], &response, &mut x, PAD, N);
+            assert_eq!(held, shift > 0.05, "nothing moves before the gap is used up");
+            for touch in &touches {
+                let at = frame.point(point_at(&x, PAD, usize::from(touch.segment), touch.s));
+                assert!(plane_gap(touch, at) > -BEHIND_CM, "{shift}: {}", plane_gap(touch, at));
+            }
         }
     }
 }

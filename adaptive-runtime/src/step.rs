@@ -346,3 +346,20 @@ impl Runtime {
         self.two_way.update(Round::First, active.len(), set_of, &self.contact_points, mass, &self.params.two_way)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn strands_go_unmet_as_long_as_motion_allows_and_never_longer() {
+        for most in [1, 2, 4] {
+            for share in [0.0, 0.5, 1.0, 1.9, 2.0, 3.9, 4.0, 100.0, f32::INFINITY] {
+                let steps = steps_within(share, most);
+                assert!(steps.is_power_of_two() && steps <= most && (steps == 1 || steps as f32 <= share));
+                assert!(2 * steps > most || 2.0 * steps as f32 > share, "{share} of {most}: {steps}");
+            }
+            assert_eq!(steps_within(f32::NAN, most), 1, "what is not a number is met at once");
+        }
+    }
+}
