@@ -16,7 +16,7 @@
 //! - [`chart`]: curves over a number, as a picture
 //! - [`guide_comparison`]: ways to select guides, judged on motion they were not trained on
 //! - [`runtime_bench`]: what the runtime costs on whole heads, and what it is worth
-//! - [`evidence`]: what experiments hand to the report
+//! - [`evidence`]: what experiments hand to the report; [`experiments`]: the papers' comparisons, run anew
 //! - [`run`]: a scene run in one of the modes compared; [`measures`]: what it is judged by
 //!
 //! Centimetre, gram, second. Everything here is a function of its parameters and seed: the same bytes on any machine
@@ -29,6 +29,7 @@ pub mod collision_checks;
 pub mod comb_sweeps;
 mod error;
 pub mod evidence;
+pub mod experiments;
 pub mod full_space;
 pub mod grooms;
 pub mod guide_comparison;
