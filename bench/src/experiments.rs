@@ -4,8 +4,13 @@
 //! claims and verdicts. The others are one comparison of AS16 or MS08 each. No figure of ours is written down here: all come from
 //! the run; the papers' figures are constants with their source.
 
+mod correction;
+mod criteria;
 pub mod heads;
 mod salon;
+mod scaling;
+mod skinning;
+mod tables;
 pub mod watch;
 pub mod words;
 
@@ -14,7 +19,16 @@ use crate::evidence::Experiment;
 /// All experiments, in the order of the report.
 #[must_use]
 pub fn all() -> Vec<Experiment> {
-    vec![salon::STRAIGHT, salon::CURLY]
+    vec![
+        salon::STRAIGHT,
+        salon::CURLY,
+        correction::EXPERIMENT,
+        criteria::EXPERIMENT,
+        skinning::EXPERIMENT,
+        tables::PARAMETERS,
+        tables::COSTS,
+        scaling::EXPERIMENT,
+    ]
 }
 
 #[cfg(test)]

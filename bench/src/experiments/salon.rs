@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::evidence::{Experiment, Findings, Place, Plot, Trained};
 use crate::run::Mode;
 use crate::runtime_bench::Subject;
-use io_formats::scene::HairStyle;
+use io_formats::scene::{CameraSpec, HairStyle};
 
 /// The salon with straight hair.
 pub const STRAIGHT: Experiment = Experiment {
@@ -31,11 +31,10 @@ pub const CURLY: Experiment = Experiment {
 /// While the comb is in the hair, and after it has left, s.
 const MOMENTS: [f64; 3] = [0.9, 1.5, 2.5];
 /// The ways compared, with their names in words.
-const WAYS: [(Mode, &str); 5] = [
+const WAYS: [(Mode, &str); 4] = [
     (Mode::Adaptive, "ours"),
     (Mode::Fixed, "fixed sets"),
     (Mode::NoTwoWay, "ours without two-way"),
-    (Mode::NoResidual, "ours without carried correction"),
     (Mode::Paper, "AS16 to the letter"),
 ];
 
@@ -67,6 +66,13 @@ fn run(place: &dyn Place, style: HairStyle) -> Result<Findings, Error> {
         }
         out.pictures.extend(side_by_side(place, &head.world, &row, t, size.reference, &shown)?);
     }
+    let mut scene = head.world.scene.clone();
+    scene.camera = near_the_comb(&head, MOMENTS[1]);
+    let close = head.world.staged(scene, None)?;
+    let mut shown = vec![("full space", against.shots[1].as_slice())];
+    shown.extend(named.iter().map(|(name, way)| (*name, way.shots[1].as_slice())));
+    let row = format!("salon-{style:?}-near").to_lowercase();
+    out.pictures.extend(side_by_side(place, &close, &row, MOMENTS[1], size.reference, &shown)?);
     let row = format!("salon-{style:?}-all").to_lowercase();
     for (at, t) in MOMENTS.into_iter().enumerate() {
         let name = format!("ours, all {} hairs", head.model.n_strands);
@@ -79,6 +85,17 @@ fn run(place: &dyn Place, style: HairStyle) -> Result<Findings, Error> {
     out.measures.extend(watched("ours", named[0].1, &against));
     out.measures.extend(watched("no_two_way", named[2].1, &against));
     Ok(out)
+}
+
+/// A camera close to the comb from behind and below, where teeth can be told apart.
+fn near_the_comb(head: &Trained, t: f64) -> CameraSpec {
+    let [x, y, z] = head.world.world_from_solids(t).first().map_or([0.0; 3], |pose| pose.translation.vector.into());
+    CameraSpec {
+        eye_cm: [x - 9.0, y - 7.0, z - 18.0],
+        target_cm: [x - 1.0, y - 0.5, z + 2.0],
+        vertical_fov_deg: 32.0,
+        ..head.world.scene.camera
+    }
 }
 
 fn paragraphs(head: &Trained, subject: &Subject, against: &Reference) -> Vec<String> {
