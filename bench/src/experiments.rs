@@ -4,13 +4,19 @@
 //! claims and verdicts. The others are one comparison of AS16 or MS08 each. No figure of ours is written down here: all come from
 //! the run; the papers' figures are constants with their source.
 
+mod adaptation;
 mod correction;
 mod criteria;
+mod guides;
 pub mod heads;
+mod mass_spring;
 mod salon;
 mod scaling;
+mod single_hairs;
 mod skinning;
+mod solids;
 mod tables;
+mod two_guides;
 pub mod watch;
 pub mod words;
 
@@ -22,12 +28,21 @@ pub fn all() -> Vec<Experiment> {
     vec![
         salon::STRAIGHT,
         salon::CURLY,
+        solids::GEARS,
+        solids::BALL,
+        solids::HAND,
+        two_guides::EXPERIMENT,
         correction::EXPERIMENT,
         criteria::EXPERIMENT,
+        adaptation::EXPERIMENT,
         skinning::EXPERIMENT,
+        guides::EXPERIMENT,
         tables::PARAMETERS,
         tables::COSTS,
         scaling::EXPERIMENT,
+        mass_spring::HEADS,
+        single_hairs::EXPERIMENT,
+        mass_spring::COSTS,
     ]
 }
 

@@ -262,6 +262,19 @@ pub fn in_reach(positions: &[[f32; 3]], rest: &[[f32; 3]], n: usize, solids: &[M
         .collect()
 }
 
+/// Strands with a sample inside a solid at the end of its motion: for pictures that show which.
+#[must_use]
+pub fn strands_inside(positions: &[[f32; 3]], n: usize, solids: &[MovingSolid]) -> Vec<bool> {
+    positions
+        .par_chunks_exact(n)
+        .map(|strand| {
+            let lengths: Vec<f32> = strand.windows(2).map(|w| distance(w[0], w[1])).collect();
+            let first = usize::from(first_sampled(&lengths));
+            first < n && strand_step(strand, strand, first, solids).inside
+        })
+        .collect()
+}
+
 fn first_sampled(lengths: &[f32]) -> u16 {
     let mut sum = 0.0;
     for (i, l) in lengths.iter().enumerate() {
@@ -405,6 +418,16 @@ mod tests {
         let measured = run(0.0, 0.0);
         assert_eq!(measured.near_strands_inside_pct, 100.0);
         assert!((measured.max_depth_cm - 0.1).abs() < 0.03);
+    }
+
+    #[test]
+    fn a_strand_is_marked_where_a_step_counts_it_as_inside() {
+        let solid = rod();
+        for (x, is_inside) in [(0.0, true), (0.05, true), (0.5, false)] {
+            let moving = MovingSolid { solid: &solid, pose: SolidPose::still(across(-10.37)) };
+            assert_eq!(strands_inside(&line(x), 25, &[moving]), vec![is_inside], "{x}");
+            assert_eq!(run(x, x).near_strands_inside_pct > 0.0, is_inside, "{x}");
+        }
     }
 
     #[test]

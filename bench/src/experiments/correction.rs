@@ -2,7 +2,7 @@
 //! the carried offset of this project (AS16 Fig. 5 and 8, §5.2, §7.2).
 
 use super::heads::{SALON, adaptive, amount, salon};
-use super::watch::{Reference, Watched, reference, side_by_side, watch};
+use super::watch::{Reference, Row, Watched, reference, side_by_side, watch};
 use super::words::{ALIKE_PCT, CLEAN_PCT, QUIET, VISIBLE_PCT, claim, lower, off_one, table, verdict};
 use crate::error::Error;
 use crate::evidence::{Experiment, Findings, Place, Plot};
@@ -58,7 +58,7 @@ fn run(place: &dyn Place) -> Result<Findings, Error> {
                 subject.size()
             ),
             "Flicker is the length of a particle's second difference over a step; the curves show its 99.9th percentile over all \
-             particles of near hairs, where a hair that jumps cannot hide among many that do not."
+             particles of near hairs, where a hair that jumps cannot hide among many that do not. Hair that is inside the comb is drawn red."
                 .to_owned(),
         ],
         tables: vec![table("Correction schemes, comb", &against, &named)],
@@ -69,7 +69,7 @@ fn run(place: &dyn Place) -> Result<Findings, Error> {
         let mut shown = vec![("full space", against.shots[at].as_slice())];
         shown.extend(named.iter().map(|(name, way)| (*name, way.shots[at].as_slice())));
         let row = format!("correction-{at}");
-        out.pictures.extend(side_by_side(place, &head.world, &row, t, size.reference, &shown)?);
+        out.pictures.extend(side_by_side(place, &head.world, Row { name: &row, t, n_strands: size.reference, marks: true }, &shown)?);
     }
     let way = |k: usize| named[k].1;
     claims(&mut out, &against, [way(0), way(1), way(2), way(3)]);

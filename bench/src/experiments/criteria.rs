@@ -4,7 +4,7 @@
 //! The correction of single hairs hides what sets do; so each choice is run with and without it, and verdicts are on those without.
 
 use super::heads::{SALON, adaptive, amount, salon};
-use super::watch::{Reference, Watched, reference, side_by_side, watch};
+use super::watch::{Reference, Row, Watched, reference, side_by_side, watch};
 use super::words::{VISIBLE_PCT, claim, lower, table, verdict};
 use crate::error::Error;
 use crate::evidence::{Experiment, Findings, Place, Plot, Size, Trained};
@@ -35,7 +35,7 @@ fn run(place: &dyn Place) -> Result<Findings, Error> {
         paragraphs: vec![
             "Two guides may share an edge of the guide graph, and so serve one hair together, if they move alike, if no solid lies \
              between them, or only if both hold. The paper's two situations are each run with all three rules, with the correction of \
-             single hairs off, so that what shows is the sets' doing, and on."
+             single hairs off, so that what shows is the sets' doing, and on. Hair that is inside the rod is drawn red."
                 .to_owned(),
         ],
         ..Findings::default()
@@ -78,7 +78,7 @@ fn one(place: &dyn Place, head: &Trained, situation: Situation, out: &mut Findin
         let drawn = |name: &str| name.ends_with("uncorrected") || name == "both";
         shown.extend(named.iter().filter(|(n, _)| drawn(n)).map(|(n, way)| (*n, way.shots[at].as_slice())));
         let row = format!("{scene}-{at}");
-        out.pictures.extend(side_by_side(place, &world, &row, t, size.reference, &shown)?);
+        out.pictures.extend(side_by_side(place, &world, Row { name: &row, t, n_strands: size.reference, marks: true }, &shown)?);
     }
     let way = |wanted: &str| named.iter().find(|(name, _)| *name == wanted).map(|(_, way)| *way);
     if let (Some(both), Some(similarity), Some(avoidance), Some(corrected)) = (

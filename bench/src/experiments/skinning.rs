@@ -4,7 +4,7 @@
 //! All on the same head: on head motion nothing was trained on, without solids; with a comb; with a ball.
 
 use super::heads::{SALON, adaptive, amount, salon};
-use super::watch::{Reference, Watched, reference, side_by_side, watch};
+use super::watch::{Reference, Row, Watched, reference, side_by_side, watch};
 use super::words::{VISIBLE_PCT, claim, lower, table, verdict};
 use crate::error::Error;
 use crate::evidence::{Experiment, Findings, Place, Plot, Size, Trained};
@@ -119,7 +119,7 @@ fn one(place: &dyn Place, head: &Trained, world: &World, moment: f64, out: &mut 
     let mut shown = vec![("full space", found.against.shots[0].as_slice())];
     shown.extend(named.iter().map(|(name, way)| (*name, way.shots[0].as_slice())));
     let row = format!("skinning-{}", scene.replace(' ', "-"));
-    out.pictures.extend(side_by_side(place, world, &row, moment, size.reference, &shown)?);
+    out.pictures.extend(side_by_side(place, world, Row { name: &row, t: moment, n_strands: size.reference, marks: false }, &shown)?);
     if let Some(ours) = found.way("ours") {
         let name = scene.replace([' ', '-'], "_");
         out.measures.push(lower(format!("error_all_pct_{name}"), "% of length", ours.error_pct()[1], 0.5));

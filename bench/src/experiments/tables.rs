@@ -117,7 +117,7 @@ fn model_mb(m: &SkinningModel) -> f64 {
         + m.velocity_scale.len()
         + m.pairs.len();
     let halves = m.eligible.len() + m.set_mask.len() + m.stand_in.len();
-    (4 * words + 2 * halves + std::mem::size_of_val(m.coeffs.as_slice())) as f64 / 1e6
+    (4 * words + 2 * halves + size_of_val(m.coeffs.as_slice())) as f64 / 1e6
 }
 
 fn costs(place: &dyn Place) -> Result<Findings, Error> {

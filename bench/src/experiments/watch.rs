@@ -5,7 +5,7 @@
 
 use crate::error::Error;
 use crate::evidence::{Picture, Place, View};
-use crate::measures::second_difference;
+use crate::measures::{second_difference, strands_inside};
 use crate::run::ErrorSum;
 use crate::runtime_bench::quality::{FullRun, Quality, full_run_watched, measure_watched};
 use crate::runtime_bench::{Subject, quantile};
@@ -209,25 +209,44 @@ impl Flicker {
     }
 }
 
-/// The same moment in several ways, side by side: each the first `n_strands` hairs.
+/// Hair and what of it is inside a solid, linear RGB.
+const MARKED: [[f32; 3]; 2] = [[0.26, 0.135, 0.06], [0.9, 0.02, 0.02]];
+
+/// How several ways are shown side by side.
+#[derive(Clone, Copy)]
+pub struct Row<'a> {
+    /// Its name, also in files.
+    pub name: &'a str,
+    /// Time, s.
+    pub t: f64,
+    /// The first so many hairs of each way.
+    pub n_strands: usize,
+    /// Whether hair that is inside a solid is red.
+    pub marks: bool,
+}
+
+/// The same moment in several ways, side by side.
 ///
 /// # Errors
 /// As [`Place::draw`].
 pub fn side_by_side(
     place: &dyn Place,
     world: &World,
-    row: &str,
-    t: f64,
-    n_strands: usize,
+    row: Row,
     ways: &[(&str, &[[f32; 3]])],
 ) -> Result<Vec<Picture>, Error> {
-    let n = world.groom.n_particles;
+    let (n, t, dt) = (world.groom.n_particles, row.t, world.scene.step_s);
     let mut pictures = Vec::new();
     for (way, positions) in ways {
-        let positions = &positions[..positions.len().min(n_strands * n)];
-        let view = View { world, t, positions, colors: None, turn: 0.0 };
-        let name = format!("{row}-{}", way.replace([' ', ',', '.', '§', '/'], "-"));
-        pictures.push(place.draw(&name, &format!("{way}, {t:.2} s"), row, &view)?);
+        let positions = &positions[..positions.len().min(row.n_strands.saturating_mul(n))];
+        let colors: Option<Vec<[f32; 3]>> = row.marks.then(|| {
+            let inside = strands_inside(positions, n, &world.moving_solids((t - dt).max(0.0), dt.min(t)));
+            inside.into_iter().map(|inside| MARKED[usize::from(inside)]).collect()
+        });
+        let view = View { world, t, positions, colors: colors.as_deref(), turn: 0.0 };
+        let words = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' };
+        let name = format!("{}-{}", row.name, way.chars().map(words).collect::<String>());
+        pictures.push(place.draw(&name, &format!("{way}, {t:.2} s"), row.name, &view)?);
     }
     Ok(pictures)
 }
