@@ -16,8 +16,8 @@
 //! - [`chart`]: curves over a number, as a picture
 //! - [`guide_comparison`]: ways to select guides, judged on motion they were not trained on
 //! - [`runtime_bench`]: what the runtime costs on whole heads, and what it is worth
-//! - [`evidence`]: what experiments hand to the report; [`report`]: the page, Markdown and JSON made of it; [`baseline`]: what got
-//!   worse since an earlier version
+//! - [`evidence`]: what experiments hand to the report; [`experiments`]: the papers' comparisons, run anew; [`report`]: the page,
+//!   Markdown and JSON made of what they find; [`baseline`]: what got worse since an earlier version
 //! - [`run`]: a scene run in one of the modes compared; [`measures`]: what it is judged by
 //!
 //! Centimetre, gram, second. Everything here is a function of its parameters and seed: the same bytes on any machine
@@ -31,6 +31,7 @@ pub mod collision_checks;
 pub mod comb_sweeps;
 mod error;
 pub mod evidence;
+pub mod experiments;
 pub mod full_space;
 pub mod grooms;
 pub mod guide_comparison;

@@ -198,9 +198,7 @@ impl<'a> Observer<'a> {
                 continue;
             }
             for i in s * n + 2..(s + 1) * n {
-                let (a, b, c) = (self.before_previous[i], self.previous[i], positions[i]);
-                let d: [f32; 3] = std::array::from_fn(|k| c[k] - 2.0 * b[k] + a[k]);
-                let size = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
+                let size = second_difference(self.before_previous[i], self.previous[i], positions[i]);
                 self.flicker_all.add(size);
                 if self.is_near[s] {
                     self.flicker_near.add(size);
@@ -273,6 +271,13 @@ fn first_sampled(lengths: &[f32]) -> u16 {
         }
     }
     lengths.len() as u16
+}
+
+/// Flicker of one particle: the length of the second difference of its positions at three steps, cm.
+#[must_use]
+pub fn second_difference(a: [f32; 3], b: [f32; 3], c: [f32; 3]) -> f32 {
+    let d: [f32; 3] = std::array::from_fn(|k| c[k] - 2.0 * b[k] + a[k]);
+    (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt()
 }
 
 fn distance(a: [f32; 3], b: [f32; 3]) -> f32 {

@@ -114,9 +114,10 @@ fn evidence(args: &Args) -> Result<()> {
     let place = place::Workplace::new(args.size(), &args.out, pictures, &bars);
     let store = kept::Store::open(&args.out, args.size(), &program, args.no_pictures)?;
     let how = running::How { keep: args.keep, fresh: args.fresh };
-    let sections = running::all(&chosen, &place, &store, how, &bars)?;
+    let ran = running::all(&chosen, &place, &store, how, &bars)?;
+    let (sections, folders): (Vec<_>, Vec<_>) = ran.into_iter().map(|r| (r.section, r.folder)).unzip();
     let report = Report { about: about::about(args.size(), &program, place.notes()), sections };
-    writing::write(&report, &args.report, &store)?;
+    writing::write(&report, &folders, &args.report)?;
     tell(&report);
     println!("report: {}", args.report.join("report.html").display());
     let verdict = check::baseline(args, &report);

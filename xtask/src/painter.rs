@@ -120,7 +120,8 @@ pub fn start(bars: &Bars) -> Result<RenderProcess> {
 
 /// Whether some driver has left its manifest where Vulkan's loader looks, or the environment names one.
 fn has_driver() -> bool {
-    if ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"].iter().any(|name| std::env::var_os(name).is_some_and(|v| !v.is_empty())) {
+    if ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"].iter().any(|name| std::env::var_os(name).is_some_and(|v| !v.is_empty()))
+    {
         return true;
     }
     // Elsewhere than on Linux drivers are found in other ways: the renderer itself will say.
@@ -128,7 +129,8 @@ fn has_driver() -> bool {
 }
 
 fn manifest_folders() -> Vec<PathBuf> {
-    let mut bases: Vec<PathBuf> = ["/etc", "/usr/share", "/usr/local/share", "/usr/local/etc"].map(PathBuf::from).to_vec();
+    let mut bases: Vec<PathBuf> =
+        ["/etc", "/usr/share", "/usr/local/share", "/usr/local/etc"].map(PathBuf::from).to_vec();
     for name in ["XDG_DATA_DIRS", "XDG_CONFIG_DIRS"] {
         bases.extend(std::env::var_os(name).iter().flat_map(|list| std::env::split_paths(list).collect::<Vec<_>>()));
     }

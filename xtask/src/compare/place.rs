@@ -80,8 +80,7 @@ impl<'a> Workplace<'a> {
         let picture = Picture { caption: caption.to_owned(), file, row: row.to_owned() };
         let Pictures::Best { plain } = self.pictures else { return Ok(picture) };
         let mut painter = self.painter.borrow_mut();
-        let painter =
-            painter.get_or_insert_with(|| if plain { Painter::plain() } else { Painter::best(self.bars) });
+        let painter = painter.get_or_insert_with(|| if plain { Painter::plain() } else { Painter::best(self.bars) });
         let camera = sized(camera(view.world), Some(HEIGHT)).turned(view.turn);
         let image = painter.picture(view.world, view.t, view.positions, view.colors, camera)?;
         let path = current.folder.join(&picture.file);
@@ -100,12 +99,17 @@ pub trait Station: Place {
 
     /// It has ended; answers who drew its pictures, if it has any.
     fn end(&self) -> Option<String>;
+
+    /// Whether pictures are drawn.
+    fn draws(&self) -> bool;
+
+    /// What experiments see of it.
+    fn as_place(&self) -> &dyn Place;
 }
 
 impl Station for Workplace<'_> {
     fn begin(&self, name: &str, folder: &Path) {
-        *self.current.borrow_mut() =
-            Current { name: name.to_owned(), folder: folder.to_path_buf(), has_drawn: false };
+        *self.current.borrow_mut() = Current { name: name.to_owned(), folder: folder.to_path_buf(), has_drawn: false };
     }
 
     fn end(&self) -> Option<String> {
@@ -113,6 +117,14 @@ impl Station for Workplace<'_> {
         let painter = self.painter.borrow();
         let painter = painter.as_ref().filter(|_| self.current.borrow().has_drawn)?;
         Some(painter.name().to_owned())
+    }
+
+    fn draws(&self) -> bool {
+        self.pictures != Pictures::None
+    }
+
+    fn as_place(&self) -> &dyn Place {
+        self
     }
 }
 

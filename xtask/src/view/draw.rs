@@ -2,8 +2,8 @@
 
 use super::frames::{Frame, check, each_frame};
 use super::{Args, Colour};
-use crate::pipeline::use_threads;
 use crate::painter::{camera, sized, solids, start};
+use crate::pipeline::use_threads;
 use crate::progress::Bars;
 use anyhow::{Context, Result};
 use hair_bench::picture::contact_sheet;
