@@ -28,7 +28,7 @@ const DASHES: [&str; 4] = ["", "7 4", "2 3", "9 3 2 3"];
 
 /// Colours of a file of its own; the page has the same by the same names.
 pub(super) const COLOURS: &str = ".plot{--ink:#22262b;--faint:#8a8f96;--grid:#e2e0da;--paper:#fffefb;\
---c0:#0072b2;--c1:#d55e00;--c2:#00845c;--c3:#b0568f;--c4:#8a6a00;--c5:#2b9fd6;--c6:#555a60;--c7:#a03020}";
+--c0:#0072b2;--c1:#d55e00;--c2:#00845c;--c3:#b0568f;--c4:#8a6a00;--c5:#1f8fc7;--c6:#555a60;--c7:#a03020}";
 
 /// What a plot is drawn with wherever it stands.
 pub(super) const STYLE: &str = ".plot{font:13px system-ui,sans-serif;fill:var(--ink)}\

@@ -167,3 +167,45 @@ fn the_same_report_gives_the_same_bytes() {
 fn verdicts_are_counted_by_kind() {
     assert_eq!(report().verdicts().map(|(_, n)| n), [1, 0, 1, 0]);
 }
+
+/// Relative luminance of a colour written `#rrggbb` or `#rgb` (WCAG 2.2).
+fn luminance(colour: &str) -> f64 {
+    let digits = &colour[1..];
+    let each = digits.len() / 3;
+    let channel = |k: usize| {
+        let part = &digits[k * each..(k + 1) * each];
+        let part = if each == 1 { part.repeat(2) } else { part.to_owned() };
+        let c = f64::from(u8::from_str_radix(&part, 16).unwrap()) / 255.0;
+        if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
+    };
+    0.2126 * channel(0) + 0.7152 * channel(1) + 0.0722 * channel(2)
+}
+
+fn contrast(a: &str, b: &str) -> f64 {
+    let (a, b) = (luminance(a), luminance(b));
+    (a.max(b) + 0.05) / (a.min(b) + 0.05)
+}
+
+#[test]
+fn words_and_curves_stand_out_from_paper_by_day_and_by_night() {
+    // Of words and of graphics, as WCAG 2.2 asks (1.4.3, 1.4.11).
+    const WORDS: f64 = 4.5;
+    const CURVES: f64 = 3.0;
+    let style = [include_str!("style.css"), plot::COLOURS].concat();
+    for rules in [style.as_str(), include_str!("dark.css")] {
+        let colour = |name: &str| {
+            let rest = rules.split(&format!("--{name}:")).nth(1).unwrap_or_else(|| panic!("--{name} has no colour"));
+            rest.split([';', '}']).next().unwrap().to_owned()
+        };
+        for paper in ["paper", "card"].map(colour) {
+            for name in ["ink", "faint", "link", "yes", "partly", "no", "untested"] {
+                let found = contrast(&colour(name), &paper);
+                assert!(found >= WORDS, "{name} on {paper}: {found:.2}");
+            }
+        }
+        for k in 0..8 {
+            let found = contrast(&colour(&format!("c{k}")), &colour("paper"));
+            assert!(found >= CURVES, "c{k}: {found:.2}");
+        }
+    }
+}

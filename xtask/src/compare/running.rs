@@ -40,10 +40,12 @@ pub fn all(experiments: &[Experiment], place: &dyn Station, store: &Store, how: 
     for (k, experiment) in experiments.iter().enumerate() {
         let head = format!("[{}/{}] {}", k + 1, experiments.len(), experiment.name);
         out.push(one(experiment, place, store, how, bars, &|| {
-            let unknown = took[k..].iter().filter(|t| t.is_none()).count();
-            let known: f64 = took[k..].iter().flatten().sum();
-            let more = if unknown > 0 { format!(" and {unknown} that never ran") } else { String::new() };
-            bars.note(&format!("{head}: about {} left{more}", duration_words(known)));
+            let left: Vec<f64> = took[k..].iter().flatten().copied().collect();
+            let known = (!left.is_empty()).then(|| format!("about {} left", duration_words(left.iter().sum())));
+            let unknown = took.len() - k - left.len();
+            let unknown = (unknown > 0).then(|| format!("{unknown} that never ran to come"));
+            let words: Vec<String> = [known, unknown].into_iter().flatten().collect();
+            bars.note(&format!("{head}: {}", words.join(", ")));
         })?);
     }
     Ok(out)
