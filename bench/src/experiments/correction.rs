@@ -10,12 +10,8 @@ use crate::runtime_bench::Subject;
 use adaptive_runtime::{Correction, RuntimeParams};
 
 /// The experiment.
-pub const EXPERIMENT: Experiment = Experiment {
-    name: "correction",
-    title: "Correction schemes",
-    source: "AS16 §5.2, §7.2, Fig. 5 and 8",
-    run,
-};
+pub const EXPERIMENT: Experiment =
+    Experiment { name: "correction", title: "Correction schemes", source: "AS16 §5.2, §7.2, Fig. 5 and 8", run };
 
 /// While the comb is in the hair, s.
 const MOMENTS: [f64; 2] = [1.2, 1.9];

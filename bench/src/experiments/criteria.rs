@@ -81,12 +81,9 @@ fn one(place: &dyn Place, head: &Trained, situation: Situation, out: &mut Findin
         out.pictures.extend(side_by_side(place, &world, Row { name: &row, t, n_strands: size.reference, marks: true }, &shown)?);
     }
     let way = |wanted: &str| named.iter().find(|(name, _)| *name == wanted).map(|(_, way)| *way);
-    if let (Some(both), Some(similarity), Some(avoidance), Some(corrected)) = (
-        way("both, uncorrected"),
-        way("similarity, uncorrected"),
-        way("avoidance, uncorrected"),
-        way("both"),
-    ) {
+    if let (Some(both), Some(similarity), Some(avoidance), Some(corrected)) =
+        (way("both, uncorrected"), way("similarity, uncorrected"), way("avoidance, uncorrected"), way("both"))
+    {
         if scene == "fig6-rod" {
             split(out, &against, both, similarity);
         } else {

@@ -161,7 +161,10 @@ fn claims(out: &mut Findings, style: HairStyle, against: &Reference, ours: &Watc
         "With the previous reduced model collisions remain: hair penetrates into solids.",
         "shown in pictures, no number",
         format!("{:.1} % inside, {:.1} % passed through", f.near_strands_inside_pct, f.passed_through_pct),
-        verdict(&[f.near_strands_inside_pct >= VISIBLE_PCT, f.near_strands_inside_pct >= 3.0 * m.near_strands_inside_pct]),
+        verdict(&[
+            f.near_strands_inside_pct >= VISIBLE_PCT,
+            f.near_strands_inside_pct >= 3.0 * m.near_strands_inside_pct,
+        ]),
         "",
     ));
     let [error, error_fixed] = [ours, fixed].map(|way| way.error_pct()[0]);

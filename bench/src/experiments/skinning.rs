@@ -187,7 +187,10 @@ fn claims(out: &mut Findings, held_out: &Found, comb: &Found) {
             "AS16 §7.2, Bertails et al. 2006",
             "Tips that cross the threshold make hair jitter.",
             "compared in a video",
-            format!("99.9 % of second differences: {worst:.2} x full space's at the worse threshold, ours {:.2} x", p999(ours)),
+            format!(
+                "99.9 % of second differences: {worst:.2} x full space's at the worse threshold, ours {:.2} x",
+                p999(ours)
+            ),
             verdict(&[worst > 1.2 * p999(ours)]),
             "Here a change of set is faded whatever causes it, which takes the jitter out of this rule too.",
         ));

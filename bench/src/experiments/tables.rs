@@ -191,11 +191,11 @@ fn costs(place: &dyn Place) -> Result<Findings, Error> {
     let mut columns = vec!["scene".to_owned()];
     columns.extend(SHARES.map(|(_, words, ..)| format!("{words}, %")));
     columns.push("contact of single hairs, %".to_owned());
-    let mut rows: Vec<Vec<Cell>> = vec![
-        [text("AS16 §7.3"), text("20-25"), text("about 30"), text("under 10"), text("about 30"), text("")].into(),
-    ];
+    let mut rows: Vec<Vec<Cell>> =
+        vec![[text("AS16 §7.3"), text("20-25"), text("about 30"), text("under 10"), text("about 30"), text("")].into()];
     rows.extend(shares.iter().map(|(row, _)| row.clone()));
-    let note = "Wall time. Contact of single hairs, which AS16 has not, includes their skinning where they are near a solid.";
+    let note =
+        "Wall time. Contact of single hairs, which AS16 has not, includes their skinning where they are near a solid.";
     out.tables.push(Table { title: "Shares of a step".to_owned(), columns, rows, note: note.to_owned() });
     claims(&mut out, whole, &ratios, &shares.iter().flat_map(|s| s.1).collect::<Vec<_>>());
     Ok(out)
