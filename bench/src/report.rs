@@ -54,8 +54,8 @@ pub struct Machine {
     pub processor: String,
     /// Threads used.
     pub threads: usize,
-    /// Memory, GiB.
-    pub memory_gib: f64,
+    /// Memory, GiB, where it is known.
+    pub memory_gib: Option<f64>,
     /// Operating system and architecture.
     pub system: String,
 }
