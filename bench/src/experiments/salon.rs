@@ -5,7 +5,7 @@
 
 use super::heads::{SALON, adaptive, amount, salon_scene};
 use super::watch::{Reference, Row, Watched, reference, side_by_side, watch};
-use super::words::{ALIKE_PCT, CLEAN_PCT, QUIET, VISIBLE_PCT, claim, table, verdict, watched};
+use super::words::{QUIET, VISIBLE_PCT, alike, claim, kept_out, table, verdict, watched};
 use crate::error::Error;
 use crate::evidence::{Experiment, Findings, Place, Plot, Trained};
 use crate::run::Mode;
@@ -154,7 +154,7 @@ fn claims(out: &mut Findings, style: HairStyle, against: &Reference, ours: &Watc
             m.passed_through_pct,
             10.0 * m.max_depth_cm
         ),
-        verdict(&[m.near_strands_inside_pct <= CLEAN_PCT, m.passed_through_pct <= CLEAN_PCT]),
+        kept_out(m),
         &format!(
             "Ours holds off single hairs by a carried offset, which AS16 has not; the table shows AS16 to the letter beside it. Full space \
              itself: {:.2} % inside, {:.2} % passed through.",
@@ -178,7 +178,7 @@ fn claims(out: &mut Findings, style: HairStyle, against: &Reference, ours: &Watc
         "Our simulation produces motion similar to the full-space simulation.",
         "compared in a video, no number",
         format!("error of near hairs {error:.2} % of length, {error_fixed:.2} % with fixed sets"),
-        verdict(&[error <= ALIKE_PCT, error <= error_fixed]),
+        alike(ours, fixed),
         "Root mean square over the outer half of near hairs and all pictures. Held to two rules: small, and no more than that of fixed sets.",
     ));
     let [flicker, p999] = ours.flicker_over(against);
