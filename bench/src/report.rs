@@ -16,7 +16,7 @@ mod words;
 pub use html::{PictureBytes, html};
 pub use markdown::markdown;
 pub use plot::svg_file;
-pub use words::{counted, date_words, duration_words, shown, size_words, verdict_words};
+pub use words::{counted, date_words, duration_words, shown, size_words, verdict_words, verdicts_words};
 
 use crate::evidence::{Claim, Findings, Size, Verdict};
 use serde::{Deserialize, Serialize};

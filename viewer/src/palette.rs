@@ -1,7 +1,6 @@
 //! Small files: a picture in the few colours that tell it best, as PNG with a palette.
 //!
-//! Hair is a noise of a few hues, which PNG keeps badly in full colour: 640 by 480 pixels take some 400 KB, with 64 colours about a
-//! quarter. The palette halves, again and again, the box of colours that spreads farthest (median cut, Heckbert 1982).
+//! Hair is a noise of a few hues, which PNG keeps badly in full colour; in a palette the same picture takes a fraction of that. The palette halves, again and again, the box of colours that spreads farthest (median cut, Heckbert 1982).
 
 use crate::error::Error;
 use crate::image::Image;
@@ -11,7 +10,7 @@ use std::io::{BufWriter, Write};
 use std::path::Path;
 
 /// Bits of each channel that colours are told apart by.
-const BITS: u32 = 5;
+const BITS: u32 = 6;
 
 /// A range of colours with how often each occurs.
 struct Range {

@@ -6,7 +6,9 @@
 
 use super::html_parts::{anchor, base64, escaped, table};
 use super::plot::{COLOURS, STYLE, svg};
-use super::words::{counted, date_words, duration_words, measured_words, size_words, verdict_class, verdict_words};
+use super::words::{
+    counted, date_words, duration_words, measured_words, size_words, verdict_class, verdict_words, verdicts_words,
+};
 use super::{Made, Outcome, Report, Section};
 use crate::evidence::{Claim, Findings, Picture, Verdict};
 use std::fmt::Write;
@@ -80,14 +82,11 @@ fn summary(out: &mut String, report: &Report) {
     let _ =
         write!(out, "<p>{} looked at {} of the papers.", counted(n_found, "experiment"), counted(n_claims, "claim"));
     if n_claims > 0 {
-        let told: Vec<String> = verdicts
-            .iter()
-            .filter(|(_, n)| *n > 0)
-            .map(|(verdict, n)| format!("{n} {} {}", if *n == 1 { "is" } else { "are" }, verdict_words(*verdict)))
-            .collect();
-        let _ = write!(out, " Of these, {}.", told.join(", "));
+        let told: Vec<String> =
+            verdicts.iter().filter(|(_, n)| *n > 0).map(|(verdict, n)| verdicts_words(*verdict, *n)).collect();
+        let _ = write!(out, " On the scenes of this run {}.", told.join(", "));
     }
-    let _ = write!(out, " Size of this run: {}.</p>", size_words(report.about.size));
+    let _ = write!(out, " Its size is {}.</p>", size_words(report.about.size));
     if n_claims > 0 {
         out.push_str("<div class=\"bar\" aria-hidden=\"true\">");
         for (verdict, n) in verdicts.iter().filter(|(_, n)| *n > 0) {
@@ -135,23 +134,33 @@ fn summary(out: &mut String, report: &Report) {
 fn claims_table(out: &mut String, report: &Report) {
     out.push_str(
         "<table class=\"claims\"><caption>Every claim looked at</caption><thead><tr><th scope=\"col\">Verdict</th>\
-         <th scope=\"col\">Claim</th><th scope=\"col\">The paper</th><th scope=\"col\">Here</th></tr></thead><tbody>",
+         <th scope=\"col\">Claim</th><th scope=\"col\">The paper</th><th scope=\"col\">Here</th></tr></thead>",
     );
-    for (section, claim) in report.claims() {
-        out.push_str("<tr><td>");
-        badge(out, claim.verdict);
+    for section in report.sections.iter().filter(|s| !s.claims().is_empty()) {
         let _ = write!(
             out,
-            "</td><th scope=\"row\">{} <a class=\"see\" href=\"#{}\">{}</a></th><td data-label=\"The paper\">{}</td>\
-             <td data-label=\"Here\">{}</td></tr>",
-            escaped(&claim.claim),
+            "<tbody><tr class=\"group\"><th scope=\"rowgroup\" colspan=\"4\"><a href=\"#{}\">{}</a></th></tr>",
             anchor(&section.name),
-            escaped(&claim.source),
-            or_dash(&claim.paper),
-            or_dash(&claim.ours)
+            escaped(&section.title)
         );
+        section.claims().iter().for_each(|claim| claim_row(out, claim));
+        out.push_str("</tbody>");
     }
-    out.push_str("</tbody></table>");
+    out.push_str("</table>");
+}
+
+fn claim_row(out: &mut String, claim: &Claim) {
+    out.push_str("<tr><td>");
+    badge(out, claim.verdict);
+    let _ = write!(
+        out,
+        "</td><th scope=\"row\">{} <span class=\"see\">{}</span></th><td data-label=\"The paper\">{}</td>\
+             <td data-label=\"Here\">{}</td></tr>",
+        escaped(&claim.claim),
+        escaped(&claim.source),
+        or_dash(&claim.paper),
+        or_dash(&claim.ours)
+    );
 }
 
 fn or_dash(text: &str) -> String {
@@ -255,7 +264,7 @@ fn write_claim(out: &mut String, claim: &Claim) {
 /// Pictures whose rows have the same name stand side by side.
 fn pictures(out: &mut String, pictures: &[Picture], place: &dyn Fn(&Picture) -> PictureBytes) {
     for row in pictures.chunk_by(|a, b| a.row == b.row) {
-        out.push_str("<div class=\"row\">");
+        let _ = write!(out, "<div class=\"row\" style=\"--n:{}\">", row.len());
         for picture in row {
             out.push_str("<figure class=\"picture\">");
             let alt = escaped(&picture.caption);

@@ -47,16 +47,7 @@ pub(super) fn anchor(name: &str) -> String {
 
 /// Whether a column holds numbers, so that it is set flush right.
 fn is_numeric(table: &Table, column: usize) -> bool {
-    let cells = table.rows.iter().filter_map(|row| row.get(column));
-    let mut any = false;
-    for cell in cells {
-        match cell {
-            Cell::Number { .. } => any = true,
-            Cell::Text(words) if words.trim().is_empty() => {}
-            Cell::Text(_) => return false,
-        }
-    }
-    any
+    table.rows.iter().any(|row| matches!(row.get(column), Some(Cell::Number { .. })))
 }
 
 /// A table that scrolls by itself where it is too wide.

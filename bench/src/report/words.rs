@@ -1,6 +1,6 @@
 //! Numbers, times and verdicts in words: one way each, for the page, for Markdown and for terminals.
 //!
-//! A number shows as many digits as its cell says, thousands apart from five digits on; what is not finite is a dash, and a zero
+//! A number shows as many digits as its cell says, thousands set apart; what is not finite is a dash, and a zero
 //! has no sign.
 
 use crate::evidence::{Cell, Size, Verdict};
@@ -42,7 +42,7 @@ pub(super) fn measured_words(value: f64) -> String {
 }
 
 fn thousands(digits: &str) -> String {
-    if digits.len() < 5 {
+    if digits.len() < 4 {
         return digits.to_owned();
     }
     let first = digits.len() % 3;
@@ -67,6 +67,18 @@ pub fn verdict_words(verdict: Verdict) -> &'static str {
     }
 }
 
+/// So many claims with a verdict: `3 hold`, `2 hold in part`.
+#[must_use]
+pub fn verdicts_words(verdict: Verdict, n: usize) -> String {
+    let s = if n == 1 { "s" } else { "" };
+    match verdict {
+        Verdict::Reproduced => format!("{n} hold{s}"),
+        Verdict::InPart => format!("{n} hold{s} in part"),
+        Verdict::NotReproduced => format!("{n} {} not", if n == 1 { "does" } else { "do" }),
+        Verdict::NotTested => format!("{n} {} not tested", if n == 1 { "was" } else { "were" }),
+    }
+}
+
 /// A verdict as a name for styles.
 pub(super) fn verdict_class(verdict: Verdict) -> &'static str {
     match verdict {
@@ -81,9 +93,9 @@ pub(super) fn verdict_class(verdict: Verdict) -> &'static str {
 #[must_use]
 pub fn size_words(size: Size) -> &'static str {
     match size {
-        Size::Smoke => "smoke: heads of a few thousand hairs, to see that nothing got worse",
-        Size::Quick => "quick: smaller heads than the papers', large enough to look at",
-        Size::Full => "full: the papers' numbers of hairs and guides",
+        Size::Smoke => "smoke, heads of a few thousand hairs, to see that nothing got worse",
+        Size::Quick => "quick, smaller heads than the papers', large enough to look at",
+        Size::Full => "full, the papers' numbers of hairs and guides",
     }
 }
 
@@ -132,7 +144,7 @@ mod tests {
             (0.0, 2, "0.00"),
             (-0.001, 2, "0.00"),
             (-0.006, 2, "-0.01"),
-            (1234.5, 1, "1234.5"),
+            (1234.5, 1, "1,234.5"),
             (12345.678, 1, "12,345.7"),
             (150_000.0, 0, "150,000"),
             (-1_234_567.0, 0, "-1,234,567"),

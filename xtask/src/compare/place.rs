@@ -15,8 +15,8 @@ use std::path::{Path, PathBuf};
 
 /// Height of the report's pictures, pixels.
 const HEIGHT: usize = 480;
-/// Colours of a picture: hair has few hues, and 64 make a quarter of the file.
-const COLOURS: usize = 64;
+/// Colours of a picture: hair has few hues, a backdrop many shades.
+const COLOURS: usize = 256;
 
 /// Which pictures are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
