@@ -3,7 +3,7 @@
 //! How many guides a hair effectively follows is 1/Σw² of its weights. AS16 Eq. (3) to the letter lets sets only shrink; ours grow
 //! back, and both are shown.
 
-use super::heads::{SALON, adaptive, amount, salon};
+use super::heads::{adaptive, few};
 use super::watch::{Watched, reference, steps_at, watch_each};
 use super::words::{claim, higher, lower, verdict};
 use crate::error::Error;
@@ -38,12 +38,11 @@ struct Shot {
 }
 
 fn run(place: &dyn Place) -> Result<Findings, Error> {
-    let head = salon(place)?;
+    let (head, size) = few(place)?;
     let mut scene = head.world.scene.clone();
     scene.seconds += AFTER_S;
     let world = head.world.staged(scene, None)?;
     let subject = Subject { world: &world, ..adaptive(&head) };
-    let size = amount(place.size(), SALON.0, SALON.1);
     let against = reference(place, &subject, size.measured, 0, &[])?;
     let chosen = most_touched(&head.model, &against.run.reach);
     let at = steps_at(&world, &MOMENTS);

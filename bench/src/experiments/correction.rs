@@ -1,7 +1,7 @@
 //! What keeps single hairs out of a solid: guide interpolation alone, AS16's forces on guides, particles moved out one by one, and
 //! the carried offset of this project (AS16 Fig. 5 and 8, §5.2, §7.2).
 
-use super::heads::{SALON, adaptive, amount, salon};
+use super::heads::{adaptive, few};
 use super::watch::{Reference, Row, Watched, reference, side_by_side, watch};
 use super::words::{ALIKE_PCT, CLEAN_PCT, QUIET, VISIBLE_PCT, claim, lower, off_one, table, verdict};
 use crate::error::Error;
@@ -35,9 +35,8 @@ fn ways() -> [(&'static str, RuntimeParams); 4] {
 }
 
 fn run(place: &dyn Place) -> Result<Findings, Error> {
-    let head = salon(place)?;
+    let (head, size) = few(place)?;
     let subject = adaptive(&head);
-    let size = amount(place.size(), SALON.0, SALON.1);
     let against = reference(place, &subject, size.measured, size.reference, &MOMENTS)?;
     let mut found = Vec::new();
     for (name, params) in ways() {
@@ -110,6 +109,15 @@ fn claims(out: &mut Findings, against: &Reference, [ours, nothing, forces, posit
         verdict(&[inside(forces) <= CLEAN_PCT, inside(forces) <= 0.5 * inside(nothing)]),
         "Guides stand centimetres apart and a tooth is 2 mm thick: what pushes a hair aside on one side of a tooth pushes its neighbour \
          the other way, and a guide that both follow stays. That is why ours carries an offset for each hair as well.",
+    ));
+    out.highlights.push(format!(
+        "Forces on guides alone, AS16's two-way correction, leave {:.1} % of near hairs inside the comb ({:.1} % without): what keeps hair \
+         out here is an offset of each hair that is carried from step to step, which AS16 has not. Moving particles out one by one \
+         flickers {:.1} times as much as full space, ours {:.1} times.",
+        inside(forces),
+        inside(nothing),
+        p999(position),
+        p999(ours)
     ));
     let error = ours.error_pct()[0];
     out.claims.push(claim(

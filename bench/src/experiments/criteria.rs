@@ -3,7 +3,7 @@
 //!
 //! The correction of single hairs hides what sets do; so each choice is run with and without it, and verdicts are on those without.
 
-use super::heads::{SALON, adaptive, amount, salon};
+use super::heads::{Amount, adaptive, few};
 use super::watch::{Reference, Row, Watched, reference, side_by_side, watch};
 use super::words::{VISIBLE_PCT, claim, lower, table, verdict};
 use crate::error::Error;
@@ -30,7 +30,7 @@ const SITUATIONS: [Situation; 2] = [
 const CLEARLY: f64 = 1.1;
 
 fn run(place: &dyn Place) -> Result<Findings, Error> {
-    let head = salon(place)?;
+    let (head, size) = few(place)?;
     let mut out = Findings {
         paragraphs: vec![
             "Two guides may share an edge of the guide graph, and so serve one hair together, if they move alike, if no solid lies \
@@ -41,16 +41,15 @@ fn run(place: &dyn Place) -> Result<Findings, Error> {
         ..Findings::default()
     };
     for situation in SITUATIONS {
-        one(place, &head, situation, &mut out)?;
+        one(place, &head, size, situation, &mut out)?;
     }
     Ok(out)
 }
 
-fn one(place: &dyn Place, head: &Trained, situation: Situation, out: &mut Findings) -> Result<(), Error> {
+fn one(place: &dyn Place, head: &Trained, size: Amount, situation: Situation, out: &mut Findings) -> Result<(), Error> {
     let (scene, words, moments, left) = situation;
     let world = head.world.staged(place.scene(scene)?, None)?;
     let subject = Subject { world: &world, ..adaptive(head) };
-    let size = amount(place.size(), SALON.0, SALON.1);
     let against = reference(place, &subject, size.measured, size.reference, &moments)?;
     let mut found = Vec::new();
     for (name, params) in situations::criteria() {

@@ -6,7 +6,7 @@
 
 use crate::error::Error;
 use crate::evidence::{Place, Size, Trained};
-use crate::runtime_bench::Subject;
+use crate::runtime_bench::{Subject, resized};
 use crate::training_motions::train_little;
 use adaptive_runtime::RuntimeParams;
 use io_formats::scene::{GroomSource, HairStyle, Scene};
@@ -86,6 +86,23 @@ pub fn own_scene(place: &dyn Place, name: &str, hairs: usize, guides: usize) -> 
 /// Whatever making it meets.
 pub fn salon(place: &dyn Place) -> Result<Trained, Error> {
     place.trained(salon_scene(place, HairStyle::Straight)?)
+}
+
+/// Hairs at most where many ways to skin are compared.
+const COMPARED: usize = 20_000;
+
+/// The salon's head where many ways are compared: no more hairs than that takes, since a prefix of a head is a sparser head.
+///
+/// # Errors
+/// As [`salon`].
+pub fn few(place: &dyn Place) -> Result<(Trained, Amount), Error> {
+    let mut head = salon(place)?;
+    let mut size = amount(place.size(), SALON.0, SALON.1);
+    if size.hairs > COMPARED {
+        head.model = resized(&head.model, COMPARED, 1)?;
+        size = Amount { hairs: COMPARED, measured: 4_000, ..size };
+    }
+    Ok((head, size))
 }
 
 /// The head as the whole method skins it.

@@ -5,6 +5,7 @@
 
 use super::watch::{Reference, Watched};
 use crate::evidence::{Better, Cell, Claim, Measure, Table, Verdict, number, text};
+use crate::measures::Measured;
 
 /// Share of near strands inside a solid, or crossed by it, up to which it counts as kept out, per cent: what DESIGN §8 aims at.
 pub const CLEAN_PCT: f64 = 2.0;
@@ -26,6 +27,24 @@ pub fn verdict(holds: &[bool]) -> Verdict {
         n if n == holds.len() && n > 0 => Verdict::Reproduced,
         0 => Verdict::NotReproduced,
         _ => Verdict::InPart,
+    }
+}
+
+/// Whether hair was kept out of solids; nothing is known where no hair came near one.
+#[must_use]
+pub fn kept_out(m: &Measured) -> Verdict {
+    match m.near_strands {
+        0 => Verdict::NotTested,
+        _ => verdict(&[m.near_strands_inside_pct <= CLEAN_PCT, m.passed_through_pct <= CLEAN_PCT]),
+    }
+}
+
+/// Whether hair that came near solids is as in full space: little off, and no more than with another way.
+#[must_use]
+pub fn alike(ours: &Watched, other: &Watched) -> Verdict {
+    match ours.quality.beside.near_strands {
+        0 => Verdict::NotTested,
+        _ => verdict(&[ours.error_pct()[0] <= ALIKE_PCT, ours.error_pct()[0] <= other.error_pct()[0]]),
     }
 }
 
@@ -131,7 +150,7 @@ pub fn table(title: &str, against: &Reference, ways: &[(&str, &Watched)]) -> Tab
 pub fn watched(name: &str, way: &Watched, against: &Reference) -> Vec<Measure> {
     let m = &way.quality.measured;
     let [flicker, flicker_p999] = way.flicker_over(against);
-    vec![
+    let mut out = vec![
         lower(format!("inside_pct_{name}"), "%", m.near_strands_inside_pct, SHARE_SLACK_PCT),
         lower(format!("passed_through_pct_{name}"), "% of near", m.passed_through_pct, SHARE_SLACK_PCT),
         // Padding keeps hair out as well.
@@ -141,7 +160,10 @@ pub fn watched(name: &str, way: &Watched, against: &Reference) -> Vec<Measure> {
         lower(format!("flicker_p999_off_one_{name}"), "x", off_one(flicker_p999), 0.5),
         lower(format!("stretch_p99_pct_{name}"), "%", 100.0 * m.p99_stretch, 0.5),
         lower(format!("not_finite_{name}"), "", (m.nonfinite + way.quality.quarantined) as f64, 0.0),
-    ]
+    ];
+    // Where no hair came near there is nothing to watch.
+    out.retain(|measure| measure.value.is_finite());
+    out
 }
 
 #[cfg(test)]
@@ -155,6 +177,16 @@ mod tests {
         assert_eq!(verdict(&[false, false]), Verdict::NotReproduced);
         // Nothing looked at is nothing shown.
         assert_eq!(verdict(&[]), Verdict::NotReproduced);
+    }
+
+    #[test]
+    fn a_solid_that_meets_no_hair_proves_nothing() {
+        let none = Measured::default();
+        assert_eq!(kept_out(&none), Verdict::NotTested);
+        assert_eq!(kept_out(&Measured { near_strands: 9, ..none }), Verdict::Reproduced);
+        let inside = Measured { near_strands: 9, near_strands_inside_pct: 50.0, ..none };
+        assert_eq!(kept_out(&inside), Verdict::InPart);
+        assert_eq!(kept_out(&Measured { passed_through_pct: 50.0, ..inside }), Verdict::NotReproduced);
     }
 
     #[test]
