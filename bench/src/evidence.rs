@@ -2,7 +2,8 @@
 //!
 //! An [`Experiment`] is a name, a source in the papers and a function; it runs at one of three [`Size`]s and reaches trained models,
 //! the renderer and the terminal only through its [`Place`], so that it knows nothing of files. Its [`Findings`] are plain data:
-//! kept as JSON, they make the report again without running anything.
+//! kept as JSON, they make the report again without running anything. Numbers that are not finite, which JSON has no word for,
+//! are null there and come back as not a number.
 
 use crate::error::Error;
 use crate::world::World;
@@ -25,6 +26,9 @@ pub enum Size {
 /// What an experiment found: a section of the report.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Findings {
+    /// What somebody who reads the report's first page only should know: a sentence each, with figures of this run.
+    #[serde(default)]
+    pub highlights: Vec<String>,
     /// What was done, and what is to be seen; plain text.
     pub paragraphs: Vec<String>,
     /// Numbers.
@@ -59,6 +63,7 @@ pub enum Cell {
     /// A number and the digits after its point that are shown.
     Number {
         /// The number; not finite shows as a dash.
+        #[serde(with = "or_null")]
         value: f64,
         /// Digits after the point.
         digits: u8,
@@ -80,7 +85,8 @@ pub struct Plot {
     pub log_x: bool,
     /// Whether y does.
     pub log_y: bool,
-    /// Name and points (x, y) of each curve.
+    /// Name and points (x, y) of each curve; one that is not finite interrupts it.
+    #[serde(with = "points_or_null")]
     pub curves: Vec<(String, Vec<[f64; 2]>)>,
 }
 
@@ -144,6 +150,7 @@ pub struct Measure {
     /// Its unit.
     pub unit: String,
     /// The number.
+    #[serde(with = "or_null")]
     pub value: f64,
     /// Which way is better.
     pub better: Better,
@@ -226,4 +233,62 @@ pub fn number(value: f64, digits: u8) -> Cell {
 #[must_use]
 pub fn text(words: impl Into<String>) -> Cell {
     Cell::Text(words.into())
+}
+
+/// A number, or null where it is not finite.
+mod or_null {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub(super) fn serialize<S: Serializer>(value: &f64, to: S) -> Result<S::Ok, S::Error> {
+        Some(*value).filter(|v| v.is_finite()).serialize(to)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+        Ok(Option::deserialize(from)?.unwrap_or(f64::NAN))
+    }
+}
+
+/// Curves, with null for what of a point is not finite.
+mod points_or_null {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    type Curves<T> = Vec<(String, Vec<[T; 2]>)>;
+
+    pub(super) fn serialize<S: Serializer>(curves: &Curves<f64>, to: S) -> Result<S::Ok, S::Error> {
+        let written = |[x, y]: &[f64; 2]| [*x, *y].map(|v| Some(v).filter(|v| v.is_finite()));
+        let curves: Vec<(&str, Vec<_>)> =
+            curves.iter().map(|(name, points)| (name.as_str(), points.iter().map(written).collect())).collect();
+        curves.serialize(to)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Curves<f64>, D::Error> {
+        let curves: Curves<Option<f64>> = Vec::deserialize(from)?;
+        let read = |point: [Option<f64>; 2]| point.map(|v| v.unwrap_or(f64::NAN));
+        Ok(curves.into_iter().map(|(name, points)| (name, points.into_iter().map(read).collect())).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn findings_come_back_from_json_and_what_is_not_finite_as_not_a_number() {
+        let findings = Findings {
+            tables: vec![Table {
+                columns: vec!["a".to_owned(), "b".to_owned(), "c".to_owned()],
+                rows: vec![vec![number(0.25, 2), text("|<&\"\u{3b2}"), number(f64::INFINITY, 1)]],
+                ..Table::default()
+            }],
+            plots: vec![Plot { curves: vec![("c".to_owned(), vec![[1.0, 2.0], [f64::NAN, 3.0]])], ..Plot::default() }],
+            ..Findings::default()
+        };
+        let json = serde_json::to_string(&findings).expect("plain data");
+        let back: Findings = serde_json::from_str(&json).expect("as written");
+        assert_eq!(serde_json::to_string(&back).expect("plain data"), json);
+        assert_eq!(back.tables[0].rows[0][..2], findings.tables[0].rows[0][..2]);
+        assert!(matches!(back.tables[0].rows[0][2], Cell::Number { value, digits: 1 } if value.is_nan()));
+        assert_eq!(back.plots[0].curves[0].1[0], [1.0, 2.0]);
+        assert!(back.plots[0].curves[0].1[1][0].is_nan());
+    }
 }

@@ -8,6 +8,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use strand_sim::interaction::{ContactSampling, LinkSet};
+use strand_sim::wind::{GustyWind, WindField};
 use strand_sim::{
     InteractionParams, InteractionReport, InteractionWorkspace, Material, StepInput, StepParams, StepReport,
     StepWorkspace, StrandState, StrandSystem,
@@ -23,6 +24,8 @@ pub struct FullSpace {
     params: StepParams,
     world_from_head: Isometry3<f64>,
     n: usize,
+    wind: Option<GustyWind>,
+    time_s: f64,
 }
 
 /// How hairs rub on each other.
@@ -162,6 +165,7 @@ impl FullSpace {
     pub fn again(&self) -> Self {
         let mut copy = Self::of(self.system.clone(), self.state.clone(), &self.params, self.n);
         copy.world_from_head = self.world_from_head;
+        (copy.wind, copy.time_s) = (self.wind, self.time_s);
         copy.friction = self.friction.as_ref().map(|friction| Friction {
             params: friction.params,
             links: friction.links.clone(),
@@ -187,6 +191,13 @@ impl FullSpace {
         self
     }
 
+    /// The same hairs in moving air, of which their drag is towards the wind's velocity (MS08 §6, Fig. 2).
+    #[must_use]
+    pub fn in_wind(mut self, wind: GustyWind) -> Self {
+        self.wind = Some(wind);
+        self
+    }
+
     /// What hairs that meet each other did over the last step.
     #[must_use]
     pub fn met(&self) -> Option<&InteractionReport> {
@@ -196,13 +207,16 @@ impl FullSpace {
     fn of(system: StrandSystem, state: StrandState, params: &StepParams, n: usize) -> Self {
         let world_from_head = Isometry3::identity();
         let workspace = StepWorkspace::default();
-        Self { system, state, workspace, friction: None, params: *params, world_from_head, n }
+        let params = *params;
+        Self { system, state, workspace, friction: None, params, world_from_head, n, wind: None, time_s: 0.0 }
     }
 
     /// Advances all strands; `solids` includes the head.
     pub fn step(&mut self, dt: f64, world_from_head: &Isometry3<f64>, solids: &[MovingSolid]) -> StepReport {
         let carried = StepInput::carried(dt, self.world_from_head, *world_from_head);
-        let input = StepInput { solids, ..carried };
+        let wind = self.wind.as_ref().map(|wind| wind as &dyn WindField);
+        let input = StepInput { solids, wind, time_s: self.time_s, ..carried };
+        self.time_s += dt;
         self.world_from_head = *world_from_head;
         if let Some(Friction { params, links, workspace, report }) = &mut self.friction {
             *report = self.system.step_interacting(&mut self.state, links, &input, &self.params, params, workspace);
@@ -237,5 +251,42 @@ impl World {
     pub fn full_space(&self, rest: &UniformGroom, params: &StepParams) -> Result<FullSpace, Error> {
         let full = FullSpace::new(&self.groom, rest, &self.head, self.material, params)?;
         Ok(if self.scene.train.friction { full.rubbing() } else { full })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grooms::{GroomParams, Style, generate};
+    use crate::shapes;
+
+    #[test]
+    fn hair_in_a_wind_leans_with_it_and_hair_in_still_air_stays() {
+        /// What hair at rest on a head that stands still may move in half a second, cm.
+        const STILL_CM: f64 = 0.05;
+        let head = shapes::head().expect("a head");
+        let params =
+            GroomParams { style: Style::Straight, strands: 24, particles: 16, length_cm: 15.0, seed: 2, head: &head };
+        let groom = generate(&params).expect("a groom");
+        let (material, step) = (Material::straight(), StepParams::standard());
+        let rest = settle(&groom, &head, material, &step, |_| {}).expect("hair at rest");
+        let tips = |wind: Option<GustyWind>| {
+            let mut full = FullSpace::new(&groom, &rest, &head, material, &step).expect("hair");
+            if let Some(wind) = wind {
+                full = full.in_wind(wind);
+            }
+            let upright = Isometry3::identity();
+            for _ in 0..50 {
+                full.step(0.01, &upright, &[MovingSolid { solid: &head, pose: SolidPose::still(upright) }]);
+            }
+            let mut now = Vec::new();
+            full.positions(&mut now);
+            let moved = |s: usize| f64::from(now[s * 16 + 15][0] - rest.points[s * 16 + 15][0]);
+            (0..24).map(moved).sum::<f64>() / 24.0
+        };
+        let wind = |x: f64| GustyWind { mean: Vector3::new(x, 0.0, 0.0), gust: 0.0, wavelength_cm: 30.0 };
+        assert!(tips(None).abs() < STILL_CM, "{}", tips(None));
+        let (right, left) = (tips(Some(wind(300.0))), tips(Some(wind(-300.0))));
+        assert!(right > 10.0 * STILL_CM && left < -10.0 * STILL_CM, "{left} {right}");
     }
 }

@@ -16,19 +16,22 @@
 //! - [`chart`]: curves over a number, as a picture
 //! - [`guide_comparison`]: ways to select guides, judged on motion they were not trained on
 //! - [`runtime_bench`]: what the runtime costs on whole heads, and what it is worth
-//! - [`evidence`]: what experiments hand to the report
+//! - [`evidence`]: what experiments hand to the report; [`experiments`]: the papers' comparisons, run anew; [`report`]: the page,
+//!   Markdown and JSON made of what they find; [`baseline`]: what got worse since an earlier version
 //! - [`run`]: a scene run in one of the modes compared; [`measures`]: what it is judged by
 //!
 //! Centimetre, gram, second. Everything here is a function of its parameters and seed: the same bytes on any machine
 //! with the same floating-point library, for any thread count.
 
 pub mod baked;
+pub mod baseline;
 pub mod chart;
 pub mod collision_bench;
 pub mod collision_checks;
 pub mod comb_sweeps;
 mod error;
 pub mod evidence;
+pub mod experiments;
 pub mod full_space;
 pub mod grooms;
 pub mod guide_comparison;
@@ -36,6 +39,7 @@ pub mod head_motion;
 mod histogram;
 pub mod measures;
 pub mod picture;
+pub mod report;
 pub mod run;
 pub mod runtime_bench;
 pub mod shapes;

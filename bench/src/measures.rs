@@ -167,7 +167,10 @@ impl<'a> Observer<'a> {
             self.observe_head(positions, head);
         }
         self.observe_shape(positions);
-        std::mem::swap(&mut self.before_previous, &mut self.previous);
+        // Before the first state there was none: a difference of two is no second difference.
+        if self.step > 0 {
+            std::mem::swap(&mut self.before_previous, &mut self.previous);
+        }
         self.previous.clear();
         self.previous.extend_from_slice(positions);
         self.step += 1;
@@ -198,9 +201,7 @@ impl<'a> Observer<'a> {
                 continue;
             }
             for i in s * n + 2..(s + 1) * n {
-                let (a, b, c) = (self.before_previous[i], self.previous[i], positions[i]);
-                let d: [f32; 3] = std::array::from_fn(|k| c[k] - 2.0 * b[k] + a[k]);
-                let size = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
+                let size = second_difference(self.before_previous[i], self.previous[i], positions[i]);
                 self.flicker_all.add(size);
                 if self.is_near[s] {
                     self.flicker_near.add(size);
@@ -264,6 +265,19 @@ pub fn in_reach(positions: &[[f32; 3]], rest: &[[f32; 3]], n: usize, solids: &[M
         .collect()
 }
 
+/// Strands with a sample inside a solid at the end of its motion: for pictures that show which.
+#[must_use]
+pub fn strands_inside(positions: &[[f32; 3]], n: usize, solids: &[MovingSolid]) -> Vec<bool> {
+    positions
+        .par_chunks_exact(n)
+        .map(|strand| {
+            let lengths: Vec<f32> = strand.windows(2).map(|w| distance(w[0], w[1])).collect();
+            let first = usize::from(first_sampled(&lengths));
+            first < n && strand_step(strand, strand, first, solids).inside
+        })
+        .collect()
+}
+
 fn first_sampled(lengths: &[f32]) -> u16 {
     let mut sum = 0.0;
     for (i, l) in lengths.iter().enumerate() {
@@ -273,6 +287,13 @@ fn first_sampled(lengths: &[f32]) -> u16 {
         }
     }
     lengths.len() as u16
+}
+
+/// Flicker of one particle: the length of the second difference of its positions at three steps, cm.
+#[must_use]
+pub fn second_difference(a: [f32; 3], b: [f32; 3], c: [f32; 3]) -> f32 {
+    let d: [f32; 3] = std::array::from_fn(|k| c[k] - 2.0 * b[k] + a[k]);
+    (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt()
 }
 
 fn distance(a: [f32; 3], b: [f32; 3]) -> f32 {
@@ -354,6 +375,9 @@ fn crosses(now: &[[f32; 3]], before: &[[f32; 3]], first: usize, moving: &MovingS
 }
 
 #[cfg(test)]
+mod cheats;
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use collision::SolidPose;
@@ -400,6 +424,16 @@ mod tests {
         let measured = run(0.0, 0.0);
         assert_eq!(measured.near_strands_inside_pct, 100.0);
         assert!((measured.max_depth_cm - 0.1).abs() < 0.03);
+    }
+
+    #[test]
+    fn a_strand_is_marked_where_a_step_counts_it_as_inside() {
+        let solid = rod();
+        for (x, is_inside) in [(0.0, true), (0.05, true), (0.5, false)] {
+            let moving = MovingSolid { solid: &solid, pose: SolidPose::still(across(-10.37)) };
+            assert_eq!(strands_inside(&line(x), 25, &[moving]), vec![is_inside], "{x}");
+            assert_eq!(run(x, x).near_strands_inside_pct > 0.0, is_inside, "{x}");
+        }
     }
 
     #[test]

@@ -10,127 +10,79 @@ mod raster;
 
 pub use hair_viewer::{Camera, Image, contact_sheet};
 
+use hair_viewer::{ColourBy, Error, Scene, SolidMesh, Strands};
 use raster::{Canvas, Projection, Shadow};
-
-/// Strands of one look.
-#[derive(Debug, Clone, Copy)]
-pub struct HairView<'a> {
-    /// Positions in the world (cm), strand-major, root first.
-    pub points: &'a [[f32; 3]],
-    /// Particles of each strand.
-    pub n_particles: usize,
-    /// Linear red, green, blue in 0..1.
-    pub color: [f32; 3],
-    /// Drawn width, cm; wider than hair where few strands stand for many.
-    pub width_cm: f32,
-}
-
-/// A solid to draw.
-#[derive(Debug, Clone, Copy)]
-pub struct SolidView<'a> {
-    /// Positions in the world, cm.
-    pub vertices: &'a [[f32; 3]],
-    /// Vertex indices, counter-clockwise seen from outside.
-    pub triangles: &'a [[u32; 3]],
-    /// Linear red, green, blue in 0..1.
-    pub color: [f32; 3],
-}
-
-/// All that a picture shows.
-#[derive(Debug, Clone)]
-pub struct Picture<'a> {
-    /// From where.
-    pub camera: Camera,
-    /// Hair.
-    pub hair: Vec<HairView<'a>>,
-    /// Solids.
-    pub solids: Vec<SolidView<'a>>,
-    /// Samples per pixel along each axis; 2 or 3 look smooth.
-    pub supersampling: usize,
-}
-
-impl<'a> Picture<'a> {
-    /// An empty picture with two samples per pixel along each axis.
-    pub fn new(camera: Camera) -> Self {
-        Self { camera, hair: Vec::new(), solids: Vec::new(), supersampling: 2 }
-    }
-
-    /// With hair of brown, drawn at a width (cm) that lets this many strands cover a head.
-    #[must_use]
-    pub fn with_hair(mut self, points: &'a [[f32; 3]], n_particles: usize) -> Self {
-        let n_strands = (points.len() / n_particles.max(1)).max(1) as f32;
-        let width_cm = (4.0 / n_strands.sqrt()).clamp(0.012, 0.25);
-        self.hair.push(HairView { points, n_particles, color: [0.26, 0.135, 0.06], width_cm });
-        self
-    }
-
-    /// With a solid.
-    #[must_use]
-    pub fn with_solid(mut self, mesh: &'a io_formats::mesh::TriMesh, color: [f32; 3]) -> Self {
-        self.solids.push(SolidView { vertices: &mesh.vertices, triangles: &mesh.triangles, color });
-        self
-    }
-}
-
-/// Skin, for heads.
-pub const SKIN: [f32; 3] = [0.66, 0.43, 0.33];
-/// Horn, for combs and rods.
-pub const HORN: [f32; 3] = [0.75, 0.62, 0.28];
 
 /// Curve pieces drawn per strand segment.
 const PIECES: usize = 4;
+/// Lines of one depth cover less than the renderer's ribbons: they are wider by so much.
+const WIDER: f32 = 1.3;
+/// Brightness of hair over that in the renderer, which adds light scattered among hairs.
+const BRIGHTER: f32 = 2.3;
 
-/// Draws a picture. Points that are not finite are left out.
-pub fn render(picture: &Picture) -> Image {
+/// Draws what the renderer of `hair-viewer` would, by the processor alone: every curve goes through its particles. Strands with a
+/// point that is not finite are left out.
+///
+/// # Errors
+/// A scene that cannot be drawn ([`Scene::check`]).
+pub fn render(picture: &Scene) -> Result<Image, Error> {
+    picture.check()?;
     let camera = &picture.camera;
-    let scale = picture.supersampling.clamp(1, 4);
+    let scale = picture.supersampling;
     let eye = Vector3::from(camera.eye);
     let view = Projection::perspective(camera, scale);
     // Over the viewer's left shoulder: shapes read best in light from above and aside.
     let toward_light = (view.axes.transpose() * Vector3::new(-0.55, 0.75, 0.8)).normalize();
 
-    let curves: Vec<Vec<Curve>> = picture.hair.iter().map(curves_of).collect();
-    let mut shadow = Shadow::around(toward_light, all_points(picture));
+    let curves = picture.strands.iter().map(curves_of).collect::<Result<Vec<_>, _>>()?;
+    let solids: Vec<_> = picture.solids.iter().map(|solid| (solid, solid.placed())).collect();
+    let of_solids = solids.iter().flat_map(|(_, placed)| placed.iter().map(|v| v[0]));
+    let of_hair = picture.strands.iter().flat_map(|s| s.positions).map(|p| Vector3::from(*p));
+    let all = of_hair.chain(of_solids).filter(|p| p.iter().all(|x| x.is_finite()));
+    let mut shadow = Shadow::around(toward_light, all);
     for curve in curves.iter().flatten() {
         curve.points.iter().for_each(|p| shadow.add_hair(p));
     }
-    for solid in &picture.solids {
+    for (solid, placed) in &solids {
         for t in solid.triangles {
-            shadow.add_triangle(t.map(|v| vertex(solid, v)));
+            shadow.add_triangle(t.map(|v| placed[v as usize][0]));
         }
     }
     shadow.soften();
 
-    let mut canvas = Canvas::new(camera.width * scale, camera.height * scale);
-    for solid in &picture.solids {
-        let normals = vertex_normals(solid);
+    let mut canvas = Canvas::new(camera.width * scale, camera.height * scale, picture.backdrop);
+    for (solid, placed) in &solids {
         for t in solid.triangles {
             let corner = t.map(|v| {
-                let p = vertex(solid, v);
-                let n = normals[v as usize];
-                (p, solid_color(solid.color, &p, &n, &eye, &toward_light, shadow.light_on_solid(&(p + n * 0.15))))
+                let [p, n] = placed[v as usize];
+                (p, solid_color(solid, &p, &n, &eye, &toward_light, shadow.light_on_solid(&(p + n * 0.15))))
             });
             canvas.triangle(&view, &corner);
         }
     }
-    for (hair, curves) in picture.hair.iter().zip(&curves) {
-        for (n, curve) in curves.iter().enumerate() {
-            let tint = strand_tint(n);
-            let color = Vector3::from(hair.color).map(|c| c * tint);
-            let shaded: Vec<_> = (0..curve.points.len())
-                .map(|i| (curve.points[i], curve.shade(i, &color, &eye, &toward_light, &shadow)))
-                .collect();
+    for (strands, curves) in picture.strands.iter().zip(&curves) {
+        let by_light = !strands.colour.is_measure();
+        for curve in curves {
+            let color = |i: usize| {
+                let color = Vector3::from(curve.colors[i.div_ceil(PIECES).min(curve.colors.len() - 1)]);
+                if by_light { curve.shade(i, &(color * curve.tint), &eye, &toward_light, &shadow) } else { color }
+            };
+            let shaded: Vec<_> = (0..curve.points.len()).map(|i| (curve.points[i], color(i))).collect();
             for pair in shaded.windows(2) {
-                canvas.line(&view, &pair[0], &pair[1], hair.width_cm);
+                canvas.line(&view, &pair[0], &pair[1], WIDER * strands.width_cm);
             }
         }
     }
-    canvas.average(scale)
+    Ok(canvas.average(scale))
 }
 
 /// A strand as a fine polyline.
 struct Curve {
     points: Vec<Vector3<f32>>,
+    /// One for each particle, or one for all.
+    colors: Vec<[f32; 3]>,
+    /// Brightness against its neighbours.
+    tint: f32,
 }
 
 impl Curve {
@@ -164,10 +116,15 @@ impl Curve {
 }
 
 /// Catmull-Rom curves through the particles of each strand.
-fn curves_of(hair: &HairView) -> Vec<Curve> {
-    hair.points
-        .chunks_exact(hair.n_particles.max(2))
-        .map(|strand| {
+fn curves_of(strands: &Strands) -> Result<Vec<Curve>, Error> {
+    let n = strands.n_particles;
+    let brighter = if matches!(strands.colour, ColourBy::Hair(_)) { BRIGHTER } else { 1.0 };
+    let colors = strands.colour.colours(strands.n_strands(), n)?;
+    let curves = strands
+        .positions
+        .chunks_exact(n)
+        .enumerate()
+        .map(|(k, strand)| {
             let at = |i: usize| Vector3::from(strand[i.min(strand.len() - 1)]);
             let mut points = Vec::with_capacity((strand.len() - 1) * PIECES + 1);
             for i in 0..strand.len() - 1 {
@@ -185,10 +142,11 @@ fn curves_of(hair: &HairView) -> Vec<Curve> {
                 }
             }
             points.push(at(strand.len() - 1));
-            Curve { points }
+            let colors = if colors.len() > 1 { colors[k * n..(k + 1) * n].to_vec() } else { colors.clone() };
+            Curve { points, colors, tint: brighter * strand_tint(k) }
         })
-        .filter(|curve| curve.points.iter().all(|p| p.iter().all(|x| x.is_finite())))
-        .collect()
+        .filter(|curve| curve.points.iter().all(|p| p.iter().all(|x| x.is_finite())));
+    Ok(curves.collect())
 }
 
 /// Brightness of a strand against its neighbours, so that single strands can be told apart.
@@ -198,7 +156,7 @@ fn strand_tint(n: usize) -> f32 {
 }
 
 fn solid_color(
-    color: [f32; 3],
+    solid: &SolidMesh,
     p: &Vector3<f32>,
     normal: &Vector3<f32>,
     eye: &Vector3<f32>,
@@ -208,30 +166,8 @@ fn solid_color(
     let half = unit(toward_light + unit(eye - p));
     let lit = normal.dot(toward_light).max(0.0) * light;
     let sky = 0.5 + 0.5 * normal.y;
-    Vector3::from(color) * (0.18 + 0.14 * sky + 0.75 * lit)
+    Vector3::from(solid.colour) * (0.18 + 0.14 * sky + 0.75 * lit)
         + Vector3::repeat(0.10 * light * normal.dot(&half).max(0.0).powi(30))
-}
-
-fn vertex(solid: &SolidView, v: u32) -> Vector3<f32> {
-    // An index past the end draws at the origin rather than failing: pictures are for looking at what is there.
-    solid.vertices.get(v as usize).copied().unwrap_or_default().into()
-}
-
-fn vertex_normals(solid: &SolidView) -> Vec<Vector3<f32>> {
-    let n = solid.triangles.iter().flatten().map(|&v| v as usize + 1).max().unwrap_or(0).max(solid.vertices.len());
-    let mut normals = vec![Vector3::zeros(); n];
-    for t in solid.triangles {
-        let [a, b, c] = t.map(|v| vertex(solid, v));
-        let area = (b - a).cross(&(c - a));
-        t.iter().for_each(|&v| normals[v as usize] += area);
-    }
-    normals.into_iter().map(unit).collect()
-}
-
-fn all_points<'a>(picture: &'a Picture) -> impl Iterator<Item = Vector3<f32>> + 'a {
-    let hair = picture.hair.iter().flat_map(|h| h.points);
-    let solids = picture.solids.iter().flat_map(|s| s.vertices);
-    hair.chain(solids).map(|p| Vector3::from(*p)).filter(|p| p.iter().all(|x| x.is_finite()))
 }
 
 /// `v` at unit length, or zero where it has no direction.
@@ -242,6 +178,8 @@ fn unit(v: Vector3<f32>) -> Vector3<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hair_viewer::{BROWN, SKIN};
+    use nalgebra::Isometry3;
 
     fn camera() -> Camera {
         Camera { eye: [0.0, 0.0, 20.0], target: [0.0; 3], vertical_fov: 0.5, width: 64, height: 48 }
@@ -251,27 +189,45 @@ mod tests {
         image.rgb[3 * (y * image.width + x)..][..3].iter().map(|&c| u32::from(c)).sum()
     }
 
+    fn drawn(strands: &[(&[[f32; 3]], ColourBy)], solid: Option<&SolidMesh>) -> Image {
+        let mut scene = Scene::new(camera());
+        scene.strands.extend(strands.iter().map(|(p, colour)| Strands::new(p, p.len(), *colour)));
+        scene.solids.extend(solid.copied());
+        render(&scene).expect("a scene that can be drawn")
+    }
+
     #[test]
     fn a_strand_is_drawn_where_the_camera_sees_it_and_hidden_behind_a_solid() {
         let strand: Vec<[f32; 3]> = (0..5).map(|n| [0.0, n as f32 - 2.0, -3.0]).collect();
-        let square = [[-2.0, -3.0, 0.0], [2.0, -3.0, 0.0], [2.0, 3.0, 0.0], [-2.0, 3.0, 0.0]];
-        let mesh = io_formats::mesh::TriMesh { vertices: square.to_vec(), triangles: vec![[0, 1, 2], [0, 2, 3]] };
-        let empty = render(&Picture::new(camera()));
-        let hair = render(&Picture::new(camera()).with_hair(&strand, 5));
+        let vertices = [[-2.0, -3.0, 0.0], [2.0, -3.0, 0.0], [2.0, 3.0, 0.0], [-2.0, 3.0, 0.0]];
+        let solid = SolidMesh {
+            vertices: &vertices,
+            triangles: &[[0, 1, 2], [0, 2, 3]],
+            world_from_solid: Isometry3::identity(),
+            colour: SKIN,
+        };
+        let brown = (&strand[..], ColourBy::Hair(BROWN));
+        let (empty, hair) = (drawn(&[], None), drawn(&[brown], None));
         assert_ne!(brightness(&hair, 32, 24), brightness(&empty, 32, 24));
         assert_eq!(brightness(&hair, 8, 24), brightness(&empty, 8, 24));
-        let behind = render(&Picture::new(camera()).with_hair(&strand, 5).with_solid(&mesh, SKIN));
-        let alone = render(&Picture::new(camera()).with_solid(&mesh, SKIN));
         // Whatever shadow the hair casts falls away from the viewer here.
-        assert_eq!(behind.rgb, alone.rgb);
+        assert_eq!(drawn(&[brown], Some(&solid)).rgb, drawn(&[], Some(&solid)).rgb);
+    }
+
+    #[test]
+    fn a_colour_that_stands_for_a_number_is_shown_as_it_is() {
+        let strand: Vec<[f32; 3]> = (0..5).map(|n| [0.0, n as f32 - 2.0, -3.0]).collect();
+        let image = drawn(&[(&strand, ColourBy::Weight(&[1.0]))], None);
+        let wanted = hair_viewer::heat_colour(1.0).map(|c| (c.powf(1.0 / 2.2) * 255.0 + 0.5) as u8);
+        assert_eq!(image.rgb[3 * (24 * 64 + 32)..][..3], wanted);
     }
 
     #[test]
     fn points_that_are_not_finite_or_behind_the_camera_are_left_out() {
         let strand = [[f32::NAN; 3], [0.0, 1.0, 0.0]];
         let behind = [[0.0, 0.0, 30.0], [0.0, 1.0, 40.0]];
-        let empty = render(&Picture::new(camera()));
-        assert_eq!(render(&Picture::new(camera()).with_hair(&strand, 2)), empty);
-        assert_eq!(render(&Picture::new(camera()).with_hair(&behind, 2)), empty);
+        let empty = drawn(&[], None);
+        assert_eq!(drawn(&[(&strand, ColourBy::Hair(BROWN))], None), empty);
+        assert_eq!(drawn(&[(&behind, ColourBy::Hair(BROWN))], None), empty);
     }
 }

@@ -6,6 +6,7 @@
 use collision::{Bounds, Shape, ShapeUnion, SignedDistanceField, Solid, bake_from_fn};
 use io_formats::mesh::TriMesh;
 use nalgebra::Vector3;
+use std::sync::OnceLock;
 
 use crate::error::Error;
 
@@ -105,12 +106,23 @@ pub const CRANIUM_CENTER: [f32; 3] = [0.0, 1.0, -0.8];
 /// # Errors
 /// None in practice: the shapes are fixed.
 pub fn head() -> Result<Solid, Error> {
+    Ok(head_and_mesh()?.0)
+}
+
+/// The head with its surface, made once a process: nothing about it can be chosen, and its field takes seconds.
+pub(crate) fn head_and_mesh() -> Result<(Solid, TriMesh), Error> {
+    static MADE: OnceLock<(Solid, TriMesh)> = OnceLock::new();
+    if let Some(made) = MADE.get() {
+        return Ok(made.clone());
+    }
     // Tighter than the union's own bounds, which allow for every member blending with every other.
     let bounds = Bounds::new(Vector3::new(-19.5, -36.0, -12.5), Vector3::new(19.5, 11.5, 12.5));
     let shape = head_shape();
     let sdf = bake_from_fn(bounds, HEAD_CELL_CM, |p| shape.distance(p))
         .map_err(|source| Error::Bake { name: "head".to_owned(), source })?;
-    Ok(Solid::new("head", sdf, 1.0, DEFAULT_FRICTION))
+    let head = Solid::new("head", sdf, 1.0, DEFAULT_FRICTION);
+    let mesh = solid_mesh(&head);
+    Ok(MADE.get_or_init(|| (head, mesh)).clone())
 }
 
 fn head_shape() -> ShapeUnion {

@@ -4,12 +4,12 @@
 //! with weights that fade smoothly, and carried by the mean of their motions. The hand lies in the x-y plane, fingers
 //! along y, palm towards +z; a closing of 0 is open, 1 a fist about a stick.
 
-use collision::{Bounds, KeyedMesh, Shape, ShapeUnion, bake_from_fn};
+use collision::{Bounds, KeyedMesh, Shape, ShapeUnion, Solid, bake_from_fn};
 use io_formats::TriMesh;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use crate::error::Error;
-use crate::shapes::surface;
+use crate::shapes::{DEFAULT_FRICTION, surface};
 
 /// A finger as in [`FINGERS`].
 type Finger = ([f32; 3], [f32; 3], [f32; JOINTS], [f32; 2]);
@@ -28,6 +28,8 @@ const FINGERS: [Finger; 5] = [
 const BEND: [f32; JOINTS] = [1.3, 1.5, 0.9];
 /// The thumb bends less.
 const THUMB_BEND: [f32; JOINTS] = [0.5, 0.6, 0.7];
+/// Half the thickness of the palm, cm.
+const PALM_HALF_CM: f32 = 1.2;
 /// Width of the blend between neighbouring parts, cm; narrow enough to leave the fingers apart.
 const BLEND_CM: f32 = 0.35;
 /// Weights fade over this distance beyond the nearest bone, cm.
@@ -56,7 +58,7 @@ fn bone_ends(finger: usize) -> [Vector3<f32>; JOINTS + 1] {
 }
 
 fn parts() -> ShapeUnion {
-    let palm = Shape::Box { center: Vector3::zeros(), half: Vector3::new(3.9, 4.4, 1.2), rounding: 1.1 };
+    let palm = Shape::Box { center: Vector3::zeros(), half: Vector3::new(3.9, 4.4, PALM_HALF_CM), rounding: 1.1 };
     let mut shapes = vec![palm];
     for (finger, &(_, _, lengths, [thick, thin])) in FINGERS.iter().enumerate() {
         let ends = bone_ends(finger);
@@ -114,6 +116,35 @@ impl Hand {
     }
 }
 
+/// A bone of a finger as a capsule of the open hand: both ends and the mean radius, cm.
+pub type FingerBone = (Vector3<f32>, Vector3<f32>, f32);
+
+/// The bones of all fingers, in the order of [`bone_motions`] after the palm.
+#[must_use]
+pub fn finger_bones() -> Vec<FingerBone> {
+    let capsule = |shape: &Shape| match *shape {
+        Shape::Capsule { a, b, radius_a, radius_b } => Some((a, b, 0.5 * (radius_a + radius_b))),
+        _ => None,
+    };
+    parts().shapes.iter().filter_map(capsule).collect()
+}
+
+/// The palm alone.
+///
+/// # Errors
+/// None that its shape allows.
+pub fn palm() -> Result<Solid, Error> {
+    let shapes = parts().shapes.into_iter().take(1).collect();
+    Solid::from_shape("palm", &ShapeUnion { shapes, smoothing: 0.0 }, 0.2, PALM_HALF_CM, DEFAULT_FRICTION)
+        .map_err(|source| Error::Bake { name: "palm".to_owned(), source })
+}
+
+/// How each bone has moved from the open hand, the palm first, which stays.
+#[must_use]
+pub fn bone_motions(closing: f32) -> Vec<Isometry3<f32>> {
+    bones(closing).to_vec()
+}
+
 /// Motions of all bones from the open hand.
 fn bones(closing: f32) -> [Isometry3<f32>; N_BONES] {
     let mut out = [Isometry3::identity(); N_BONES];
@@ -151,6 +182,24 @@ fn weights_at(shape: &ShapeUnion, p: Vector3<f32>) -> [f32; N_BONES] {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn rigid_bones_lie_inside_the_hand_that_they_move_whatever_its_closing() {
+        // Blends of the skin, and the mean of two radii, differ from capsules by less.
+        const SKIN_CM: f32 = 0.35;
+        let hand = Hand::new(0.2).unwrap();
+        for closing in [0.0, 0.5, 1.0] {
+            let motions = bone_motions(closing);
+            assert_eq!(motions.len(), 1 + finger_bones().len());
+            let skin = hand.posed(closing);
+            for ((a, b, radius), motion) in finger_bones().into_iter().zip(&motions[1..]) {
+                let middle = motion * Point3::from((a + b) * 0.5);
+                let nearest = skin.iter().map(|v| (Point3::from(*v) - middle).norm()).fold(f32::INFINITY, f32::min);
+                assert!((nearest - radius).abs() < SKIN_CM, "{closing}: {nearest} for {radius}");
+            }
+        }
+        assert!(palm().unwrap().sdf.distance(Vector3::zeros()) < -1.0);
+    }
 
     #[test]
     fn a_hand_stays_one_closed_surface_and_its_fingertips_come_round() {

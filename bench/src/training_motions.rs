@@ -6,7 +6,7 @@
 use crate::error::Error;
 use crate::head_motion::{HeadMotionParams, random_head_motion};
 use io_formats::motion::PoseMotion;
-use io_formats::scene::{MotionSpec, MotionUse, RecordedSpec, Scene};
+use io_formats::scene::{MotionSpec, MotionUse, RecordedSpec, Scene, TrainSpec};
 use std::path::Path;
 
 /// A head motion that frames are recorded of.
@@ -54,6 +54,21 @@ pub fn training_motions(scene: &Scene) -> Result<Vec<TrainingMotion>, Error> {
         }
     }
     Ok(motions)
+}
+
+/// Trains a scene as little as still gives a usable model: two short sequences, no rubbing, at most six eligible guides, nothing
+/// held out. For benchmarks of the runtime.
+pub fn train_little(scene: &mut Scene) {
+    scene.train = TrainSpec {
+        sequences: 2,
+        seconds_per_sequence: 0.5,
+        fps: 25.0,
+        friction: false,
+        validation_seconds: 0.0,
+        held_out_seconds: 0.0,
+        ..scene.train.clone()
+    };
+    scene.groom.max_eligible = scene.groom.max_eligible.min(6);
 }
 
 /// The random motion that a scene's model is held to account on, of any length.

@@ -55,11 +55,7 @@ impl World {
     pub fn build_with(scene: Scene, cache: Option<&BakeCache>, mut progress: impl FnMut(&str)) -> Result<Self, Error> {
         progress("head");
         let (head, head_mesh) = match &scene.head.shape {
-            HeadShape::Builtin => {
-                let head = shapes::head()?;
-                let mesh = solid_mesh(&head);
-                (head, mesh)
-            }
+            HeadShape::Builtin => shapes::head_and_mesh()?,
             HeadShape::Ball(radius_cm) => {
                 let ball = shapes::sphere(*radius_cm as f32)?;
                 let mesh = solid_mesh(&ball);

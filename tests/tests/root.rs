@@ -5,4 +5,5 @@ mod claims;
 mod determinism;
 mod formats;
 mod real_input;
+mod report_page;
 mod tidy;

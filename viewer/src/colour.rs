@@ -10,6 +10,8 @@ use crate::error::Error;
 pub enum ColourBy<'a> {
     /// Hair of this colour, as light comes off it: linear red, green, blue.
     Hair([f32; 3]),
+    /// Hair of several colours, one per strand.
+    Strand(&'a [[f32; 3]]),
     /// The guide that counts most, one number per strand: strands of one guide share a colour ([`guide_colour`]).
     Guide(&'a [u32]),
     /// A share 0..1, one number per strand, e.g. the largest weight of its guides ([`heat_colour`]).
@@ -49,6 +51,10 @@ impl ColourBy<'_> {
         };
         match *self {
             Self::Hair(colour) => Ok(vec![colour]),
+            Self::Strand(colours) => {
+                check("the list of colours", colours.len(), n_strands)?;
+                Ok(each(&|s| colours[s]))
+            }
             Self::Guide(guides) => {
                 check("the list of guides", guides.len(), n_strands)?;
                 Ok(each(&|s| guide_colour(guides[s])))
@@ -72,7 +78,7 @@ impl ColourBy<'_> {
 
     /// Whether colours stand for numbers, so that light must not bend them.
     pub fn is_measure(&self) -> bool {
-        !matches!(self, Self::Hair(_))
+        !matches!(self, Self::Hair(_) | Self::Strand(_))
     }
 }
 
@@ -114,6 +120,7 @@ pub fn to_srgb(linear: f32) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::BLONDE;
 
     /// Products of f32 in 0..1.
     const ROUND_OFF: f32 = 1e-6;
@@ -154,6 +161,8 @@ mod tests {
     fn an_array_of_the_wrong_length_is_refused_and_so_is_a_scale_of_zero() {
         assert!(matches!(ColourBy::Weight(&[0.5]).colours(2, 5), Err(Error::Length { found: 1, expected: 2, .. })));
         assert!(ColourBy::Guide(&[0; 10]).colours(2, 5).is_err());
+        assert!(ColourBy::Strand(&[BLONDE; 10]).colours(2, 5).is_err());
+        assert_eq!(ColourBy::Strand(&[BLONDE, [0.5; 3]]).colours(2, 5).unwrap()[4..6], [BLONDE, [0.5; 3]]);
         let still = ColourBy::Velocity { speeds: &[0.0; 10], fastest: 0.0 };
         assert!(matches!(still.colours(2, 5), Err(Error::BadValue { .. })));
         assert_eq!(ColourBy::Weight(&[0.0, 1.0]).colours(2, 5).unwrap().len(), 10);

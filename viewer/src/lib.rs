@@ -1,6 +1,6 @@
 //! Pictures of hair without a window: strands as camera-facing ribbons along smooth curves, lit solids, shadows of hair.
 //!
-//! - [`Image`], [`contact_sheet`], [`psnr`]: finished pictures, their files, and how far two are apart
+//! - [`Image`], [`contact_sheet`], [`psnr`]: finished pictures, their files (small ones in few colours), and how far two are apart
 //! - [`Camera`]: from where; [`Camera::turntable`] walks around
 //! - [`Strands`], [`SolidMesh`], [`Scene`]: what is drawn; [`Shading`] and [`ColourBy`]: how hair looks
 //! - [`Video`]: frames handed to `ffmpeg`, where that is installed
@@ -26,6 +26,7 @@ mod error;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod image;
+mod palette;
 mod process;
 mod scene;
 mod video;

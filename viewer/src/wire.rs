@@ -12,6 +12,7 @@ use std::io::{Error, ErrorKind, Read, Result, Write};
 /// Colours with their numbers, owned.
 enum OwnedColour {
     Hair([f32; 3]),
+    Strand(Vec<[f32; 3]>),
     Guide(Vec<u32>),
     Weight(Vec<f32>),
     Penetration(Vec<f32>, f32),
@@ -50,6 +51,7 @@ impl OwnedScene {
             n_particles: s.n_particles,
             colour: match &s.colour {
                 OwnedColour::Hair(c) => ColourBy::Hair(*c),
+                OwnedColour::Strand(colours) => ColourBy::Strand(colours),
                 OwnedColour::Guide(guides) => ColourBy::Guide(guides),
                 OwnedColour::Weight(weights) => ColourBy::Weight(weights),
                 OwnedColour::Penetration(depths, worst_cm) => ColourBy::Penetration { depths, worst_cm: *worst_cm },
@@ -110,6 +112,10 @@ pub(crate) fn write_scene(to: &mut impl Write, scene: &Scene) -> Result<()> {
             ColourBy::Hair(colour) => {
                 put_words(to, &[0])?;
                 put_floats(to, &colour)?;
+            }
+            ColourBy::Strand(colours) => {
+                put_words(to, &[5])?;
+                put_list(to, colours.as_flattened())?;
             }
             ColourBy::Guide(guides) => {
                 put_words(to, &[1])?;
@@ -215,6 +221,7 @@ pub(crate) fn read_scene(from: &mut impl Read) -> Result<OwnedScene> {
             2 => OwnedColour::Weight(get_float_list(from)?),
             3 => OwnedColour::Penetration(get_float_list(from)?, get_floats::<1>(from)?[0]),
             4 => OwnedColour::Velocity(get_float_list(from)?, get_floats::<1>(from)?[0]),
+            5 => OwnedColour::Strand(in_threes(&get_float_list(from)?)),
             _ => return Err(unknown("way to colour")),
         };
         scene.strands.push(OwnedStrands { positions, n_particles, colour, width_cm, curve });
@@ -286,6 +293,7 @@ mod tests {
         scene.shading = Shading::Flat;
         for colour in [
             ColourBy::Hair(BROWN),
+            ColourBy::Strand(&[BROWN, HORN]),
             ColourBy::Guide(&[3, 70_000]),
             ColourBy::Weight(&numbers[..2]),
             ColourBy::Penetration { depths: &numbers, worst_cm: 0.2 },

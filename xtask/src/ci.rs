@@ -41,6 +41,11 @@ pub fn run(root: &Path, args: Args) -> anyhow::Result<()> {
         cargo(root, &["clippy", "--release", "--workspace", "--all-targets", "--", "-D", "warnings"], &[])
     });
     step("test", &|| cargo(root, &["test", "--release", "--workspace", "--no-fail-fast"], &[]));
+    // Small heads, no pictures: whether a measure got worse than its baseline.
+    step("compare", &|| {
+        let compare = ["compare", "--smoke", "--no-pictures", "--check", "--report", "out/ci-report"];
+        cargo(root, &[&["run", "--release", "--package", "xtask", "--"], &compare[..]].concat(), &[])
+    });
     if args.viewer {
         // Without a driver its tests say that they are skipped.
         step("viewer", &|| {

@@ -8,6 +8,7 @@ mod bench;
 mod ci;
 mod compare;
 mod convert;
+mod painter;
 mod paper_map;
 mod pipeline;
 mod presets;
@@ -42,7 +43,7 @@ enum Command {
     Train(train::Args),
     /// Run a scene: train if need be, simulate, measure, write pictures and an animation cache.
     RunScene(run_scene::Args),
-    /// Run one scene in several modes and print their measures side by side.
+    /// What the papers claim beside what the program does, as a report; or one scene in several modes, side by side.
     Compare(compare::Args),
     /// Measure parts on their own.
     Bench(bench::Args),

@@ -1,5 +1,6 @@
 //! How much a scene is trained: named amounts that replace what the scene says.
 
+use hair_bench::training_motions::train_little;
 use io_formats::scene::{Scene, TrainSpec};
 
 /// An amount of training.
@@ -16,29 +17,19 @@ pub enum Preset {
 impl Preset {
     /// Replaces the scene's amounts; its seed, recorded motions and parameters of learning stay.
     pub fn apply(self, scene: &mut Scene) {
-        let train = &scene.train;
-        scene.train = match self {
-            Self::Full => TrainSpec {
-                sequences: 4,
-                seconds_per_sequence: 2.0,
-                fps: 25.0,
-                friction: true,
-                validation_seconds: 1.0,
-                held_out_seconds: 1.0,
-                ..train.clone()
-            },
-            Self::Bench => TrainSpec {
-                sequences: 2,
-                seconds_per_sequence: 0.5,
-                fps: 25.0,
-                friction: false,
-                validation_seconds: 0.0,
-                held_out_seconds: 0.0,
-                ..train.clone()
-            },
-        };
-        if self == Self::Bench {
-            scene.groom.max_eligible = scene.groom.max_eligible.min(6);
+        match self {
+            Self::Full => {
+                scene.train = TrainSpec {
+                    sequences: 4,
+                    seconds_per_sequence: 2.0,
+                    fps: 25.0,
+                    friction: true,
+                    validation_seconds: 1.0,
+                    held_out_seconds: 1.0,
+                    ..scene.train.clone()
+                };
+            }
+            Self::Bench => train_little(scene),
         }
     }
 }

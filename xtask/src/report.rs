@@ -1,11 +1,7 @@
-//! Tables, JSON and pictures of runs.
+//! Tables and JSON of runs.
 
 use anyhow::{Context, Result};
-use hair_bench::picture::{Camera, HORN, Image, Picture, SKIN, render};
 use hair_bench::run::{Mode, Reference, RunResult};
-use hair_bench::world::World;
-use io_formats::mesh::TriMesh;
-use nalgebra::{Isometry3, Point3};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -154,37 +150,4 @@ pub fn print_stages(run: &RunResult) {
         run.set_changes,
         100.0 * run.connectivity
     );
-}
-
-fn placed(mesh: &TriMesh, pose: &Isometry3<f64>) -> TriMesh {
-    let pose = pose.cast::<f32>();
-    let vertices = mesh.vertices.iter().map(|&p| (pose * Point3::from(p)).coords.into()).collect();
-    TriMesh { vertices, triangles: mesh.triangles.clone() }
-}
-
-/// The scene's camera.
-pub fn camera(world: &World) -> Camera {
-    let camera = &world.scene.camera;
-    Camera {
-        eye: camera.eye_cm.map(|x| x as f32),
-        target: camera.target_cm.map(|x| x as f32),
-        vertical_fov: camera.vertical_fov_deg.to_radians() as f32,
-        width: camera.width as usize,
-        height: camera.height as usize,
-    }
-}
-
-/// A picture of the hair at time `t` from the scene's camera.
-pub fn picture(world: &World, t: f64, positions: &[[f32; 3]]) -> Image {
-    let mut meshes = vec![(placed(&world.head_mesh, &world.world_from_head(t)), SKIN)];
-    for (mesh, pose) in world.solid_meshes.iter().zip(world.world_from_solids(t)) {
-        meshes.push((placed(mesh, &pose), HORN));
-    }
-    let mut picture = Picture::new(camera(world)).with_hair(positions, world.groom.n_particles);
-    for (mesh, color) in &meshes {
-        picture = picture.with_solid(mesh, *color);
-    }
-    let mut image = render(&picture);
-    image.draw_time(t);
-    image
 }

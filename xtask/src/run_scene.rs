@@ -1,15 +1,14 @@
 //! `xtask run-scene`: a scene from groom to pictures, cache and measures.
 
+use crate::painter::{Painter, camera};
 use crate::pipeline::{describe, load_scene, prepare, reference, use_threads};
 use crate::progress::Bars;
-use crate::report::{picture, print_stages, print_table, run_json, write_beside};
-use crate::view;
+use crate::report::{print_stages, print_table, run_json, write_beside};
 use anyhow::{Context, Result};
 use hair_bench::picture::contact_sheet;
 use hair_bench::run::{Mode, run as run_mode};
 use hair_bench::world::World;
 use io_formats::usd::{CurvesLook, UsdaTiming, UsdaWriter};
-use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
 /// Options of `xtask run-scene`.
@@ -37,9 +36,9 @@ pub struct Args {
     /// Skip the animation cache.
     #[arg(long)]
     no_cache: bool,
-    /// Draw pictures by a graphics driver, as `view` does, rather than by the plain rasteriser built in.
+    /// Draw pictures by the plain rasteriser built in, rather than by a graphics driver where there is one.
     #[arg(long)]
-    shaded: bool,
+    plain: bool,
     /// Pictures on the contact sheet.
     #[arg(long, default_value_t = 9)]
     pictures: usize,
@@ -73,18 +72,18 @@ pub fn run(args: Args) -> Result<()> {
 
     let file = |extension: &str| folder.join(format!("{}.{extension}", mode.name()));
     if args.pictures > 0 {
+        let mut painter = if args.plain { Painter::plain() } else { Painter::best(&bars) };
+        if let Some(note) = painter.note() {
+            println!("{note}");
+        }
         let bar = bars.bar("pictures", args.pictures as u64);
         let last = frames.len() - 1;
         let chosen: Vec<_> = (0..args.pictures).map(|k| &frames[last * k / (args.pictures - 1).max(1)]).collect();
-        let images = if args.shaded {
-            view::pictures(world, &chosen, &bars, || bar.inc(1))?
-        } else {
-            let draw = |(t, points): &&(f64, Vec<[f32; 3]>)| {
-                bar.inc(1);
-                picture(world, *t, points)
-            };
-            chosen.par_iter().map(draw).collect()
-        };
+        let mut images = Vec::with_capacity(chosen.len());
+        for (t, points) in chosen {
+            images.push(painter.picture(world, *t, points, None, camera(world))?);
+            bar.inc(1);
+        }
         bar.finish_and_clear();
         let columns = (args.pictures as f64).sqrt().ceil() as usize;
         contact_sheet(&images, columns).write_png(&file("png"))?;

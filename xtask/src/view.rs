@@ -6,8 +6,6 @@
 mod draw;
 mod frames;
 
-pub use draw::pictures;
-
 use anyhow::Result;
 use hair_bench::run::Mode;
 use std::path::PathBuf;

@@ -55,9 +55,9 @@ pub(super) struct Canvas {
 }
 
 impl Canvas {
-    /// A backdrop that brightens downwards.
-    pub fn new(width: usize, height: usize) -> Self {
-        let (top, bottom) = (Vector3::new(0.20, 0.23, 0.28), Vector3::new(0.55, 0.57, 0.60));
+    /// A backdrop from a colour at the top to one at the bottom.
+    pub fn new(width: usize, height: usize, backdrop: [[f32; 3]; 2]) -> Self {
+        let [top, bottom] = backdrop.map(Vector3::from);
         let color = (0..width * height).map(|n| top.lerp(&bottom, (n / width) as f32 / height as f32)).collect();
         Self { width, height, color, depth: vec![f32::INFINITY; width * height] }
     }

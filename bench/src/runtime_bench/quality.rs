@@ -9,7 +9,7 @@ use super::{Figure, Subject, resized};
 use crate::error::Error;
 use crate::measures::{Measured, Observer, Reach};
 use crate::run::{ErrorPct, ErrorSum, blind_reach, read_positions};
-use adaptive_runtime::RuntimeParams;
+use adaptive_runtime::{Runtime, RuntimeParams};
 use io_formats::skinning_model::SkinningModel;
 
 /// What is compared with: the same for every way to skin the hair.
@@ -52,6 +52,19 @@ pub fn full_run(
     n_reference: usize,
     mut progress: impl FnMut(usize),
 ) -> Result<FullRun, Error> {
+    full_run_watched(subject, n_measured, n_reference, |step, _| progress(step))
+}
+
+/// As [`full_run`]; `watch` is shown each step's number, from one, and the reference's positions after it.
+///
+/// # Errors
+/// As [`full_run`].
+pub fn full_run_watched(
+    subject: &Subject,
+    n_measured: usize,
+    n_reference: usize,
+    mut watch: impl FnMut(usize, &[[f32; 3]]),
+) -> Result<FullRun, Error> {
     let (world, model) = (subject.world, subject.model);
     let n = model.n_particles as usize;
     let n_measured = n_measured.min(model.n_strands as usize);
@@ -78,7 +91,7 @@ pub fn full_run(
         if world.is_read(step + 1) {
             out.frames.push(positions.clone());
         }
-        progress(step + 1);
+        watch(step + 1, &positions);
     }
     out.measured = observer.finish();
     Ok(out)
@@ -89,6 +102,18 @@ pub fn full_run(
 /// # Errors
 /// A model or scene the runtime refuses.
 pub fn measure(subject: &Subject, against: &FullRun, mut progress: impl FnMut(usize)) -> Result<Quality, Error> {
+    measure_watched(subject, against, |step, _| progress(step))
+}
+
+/// As [`measure`]; `watch` is shown each step's number, from one, and the hair as read after it.
+///
+/// # Errors
+/// As [`measure`].
+pub fn measure_watched(
+    subject: &Subject,
+    against: &FullRun,
+    mut watch: impl FnMut(usize, &Runtime),
+) -> Result<Quality, Error> {
     let (world, model) = (subject.world, subject.model);
     let n = model.n_particles as usize;
     let (n_measured, n_reference) = (against.n_measured, against.n_reference);
@@ -127,7 +152,7 @@ pub fn measure(subject: &Subject, against: &FullRun, mut progress: impl FnMut(us
                 reads += 1;
             }
         }
-        progress(step + 1);
+        watch(step + 1, &runtime);
     }
     out.measured = observer.finish();
     out.beside = beside.finish();

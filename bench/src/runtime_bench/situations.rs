@@ -2,7 +2,7 @@
 //! to skin beside full space, minutes of salon without end.
 
 use super::cost::StepCost;
-use super::quality::{FullRun, full_run, measure, with};
+use super::quality::{FullRun, Quality, full_run, measure, with};
 use super::{Figure, Subject, resident_mb};
 use crate::error::Error;
 use crate::run::read_positions;
@@ -23,18 +23,24 @@ const TIPS_APART_CM: f32 = 4.0;
 pub fn recovery(subject: &Subject, n_measured: usize, progress: impl FnMut(usize)) -> Result<Vec<Figure>, Error> {
     let against = full_run(subject, n_measured, 0, |_| {})?;
     let quality = measure(subject, &against, progress)?;
+    Ok(recovery_of(subject, &against, &quality))
+}
+
+/// As [`recovery`], of a run that has been measured.
+#[must_use]
+pub fn recovery_of(subject: &Subject, against: &FullRun, quality: &Quality) -> Vec<Figure> {
     let of = format!("{}, measured on {}", subject.size(), against.n_measured);
     let touched = |k: &usize| !against.reach[*k].is_empty();
     let n = against.reach.len();
     let (Some(first), Some(last)) = ((0..n).find(touched), (0..n).rev().find(touched)) else {
-        return Ok(vec![Figure::missing("guides_recovery_s", "s", "no strand came into reach")]);
+        return vec![Figure::missing("guides_recovery_s", "s", "no strand came into reach")];
     };
     let near = |k: usize| quality.effective[k][0];
     let level = near(first.saturating_sub(1));
     let least = (first..=last).map(near).fold(f64::INFINITY, f64::min);
     let back = (last..n).find(|&k| near(k) >= RETURNED * level);
     let dt = subject.dt();
-    Ok(vec![
+    vec![
         match back {
             Some(k) => Figure::new("guides_recovery_s", "s", (k - last) as f64 * dt, &of),
             None => Figure::missing("guides_recovery_s", "s", "the scene ended before guides were back to 95 %"),
@@ -44,7 +50,7 @@ pub fn recovery(subject: &Subject, n_measured: usize, progress: impl FnMut(usize
         Figure::new("guides_when_left", "mean", near(last), &of),
         Figure::new("guides_at_end", "mean", near(n - 1), &of),
         Figure::new("seconds_after_solid_left", "s", (n - 1 - last) as f64 * dt, &of),
-    ])
+    ]
 }
 
 /// Both criteria of AS16 §4 and either alone, with and without the correction of single strands, which hides what guides do.

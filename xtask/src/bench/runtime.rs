@@ -4,10 +4,11 @@
 //! One model serves most parts: that of `train salon-full --preset bench`. Its first hairs are smaller heads, copies of them
 //! larger ones.
 
+use crate::painter::{Painter, camera};
 use crate::pipeline::{Workshop, load_scene, prepare, use_threads};
 use crate::presets::Preset;
 use crate::progress::Bars;
-use crate::report::{picture, write_beside};
+use crate::report::write_beside;
 use anyhow::{Context, Result, ensure};
 use hair_bench::chart::{Curve, draw};
 use hair_bench::picture::contact_sheet;
@@ -349,6 +350,10 @@ fn pictures(bench: &mut Bench, subject: &Subject) -> Result<()> {
     const MOMENTS: [f64; 3] = [0.25, 0.5, 0.9];
     let folder = bench.args.plot.clone().unwrap_or_else(|| bench.args.out.clone());
     std::fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
+    let mut painter = Painter::best(bench.bars);
+    if let Some(note) = painter.note() {
+        println!("{note}");
+    }
     for name in SCENES {
         let world = subject.world.staged(load_scene(name, None)?, None)?;
         let subject = Subject { world: &world, ..*subject };
@@ -360,7 +365,7 @@ fn pictures(bench: &mut Bench, subject: &Subject) -> Result<()> {
             let t = step as f64 * subject.dt();
             subject.step_to(&mut runtime, t);
             if at.contains(&step) {
-                images.push(picture(&world, t, read_positions(&mut runtime)));
+                images.push(painter.picture(&world, t, read_positions(&mut runtime), None, camera(&world))?);
             }
             progress(step);
         }

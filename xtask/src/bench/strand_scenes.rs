@@ -2,13 +2,14 @@
 
 use crate::report::write_beside;
 use anyhow::{Context, Result, ensure};
-use hair_bench::picture::{Camera, HairView, Image, Picture, contact_sheet, render};
+use hair_bench::picture::{Camera, Image, contact_sheet, render};
 use hair_bench::strand_scenes::basic::BasicParams;
 use hair_bench::strand_scenes::buckling::{ClampedHair, critical_twist, push_into_loop, twist};
 use hair_bench::strand_scenes::crossing::pull_across;
 use hair_bench::strand_scenes::curls::{Curl, drop_curls, hang_wavy, stretch_and_release};
 use hair_bench::strand_scenes::tuft::{Tuft, TuftModel, shake};
 use hair_bench::strand_scenes::{Film, Frame};
+use hair_viewer::{BROWN, ColourBy, Strands};
 use nalgebra::Vector3;
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -159,11 +160,10 @@ fn draw(path: &Path, runs: &[Shown], width_cm: f32, turn: f32) -> Result<()> {
     for run in runs.iter().filter(|r| !r.film.frames.is_empty()) {
         for frame in &run.film.frames {
             let points: Vec<[f32; 3]> = frame.positions.iter().map(|p: &Vector3<f64>| p.cast::<f32>().into()).collect();
-            let mut picture = Picture::new(Camera { vertical_fov: FIELD_OF_VIEW, ..camera });
-            let hair =
-                HairView { points: &points, n_particles: run.film.n_particles, color: [0.26, 0.135, 0.06], width_cm };
-            picture.hair.push(hair);
-            let mut image = render(&picture);
+            let mut scene = hair_viewer::Scene::new(Camera { vertical_fov: FIELD_OF_VIEW, ..camera });
+            let strands = Strands::new(&points, run.film.n_particles, ColourBy::Hair(BROWN));
+            scene.strands.push(Strands { width_cm, ..strands });
+            let mut image = render(&scene)?;
             image.draw_time(frame.time_s);
             images.push(image);
         }

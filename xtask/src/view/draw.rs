@@ -2,36 +2,22 @@
 
 use super::frames::{Frame, check, each_frame};
 use super::{Args, Colour};
+use crate::painter::{camera, sized, solids, start};
 use crate::pipeline::use_threads;
 use crate::progress::Bars;
-use crate::report::camera;
-use crate::workspace_root;
 use anyhow::{Context, Result};
 use hair_bench::picture::contact_sheet;
 use hair_bench::run::Mode;
 use hair_bench::world::World;
 use hair_viewer::{
-    BLONDE, BROWN, Camera, ColourBy, Curve, HORN, Image, RenderProcess, SKIN, Scene, SolidMesh, Strands, Video, psnr,
+    BLONDE, BROWN, Camera, ColourBy, Curve, HORN, Image, RenderProcess, SKIN, Scene, Strands, Video, psnr,
 };
-use io_formats::mesh::TriMesh;
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::Vector3;
 use std::f32::consts::TAU;
 use std::path::PathBuf;
-use std::process::Command;
 
 /// Pictures on the sheet that shows several.
 const ON_SHEET: usize = 9;
-
-/// Starts the program that draws; cargo builds it first if it has to.
-fn start(bars: &Bars) -> Result<RenderProcess> {
-    bars.note("starting the renderer; cargo builds it the first time, which takes minutes");
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let mut command = Command::new(cargo);
-    command
-        .args(["run", "--release", "--package", "hair-viewer", "--features", "gpu", "--bin", "hair-draw"])
-        .current_dir(workspace_root());
-    Ok(RenderProcess::start(command)?)
-}
 
 pub(super) fn run(args: &Args) -> Result<()> {
     for mode in [Some(args.run), args.against.map(Some)].into_iter().flatten() {
@@ -101,12 +87,6 @@ fn each_picture(
         }
         Ok(())
     })
-}
-
-/// The same view in another height.
-fn sized(camera: Camera, height: Option<usize>) -> Camera {
-    let Some(height) = height else { return camera };
-    Camera { width: (camera.width * height).div_ceil(camera.height.max(1)), height, ..camera }
 }
 
 /// Where pictures go.
@@ -187,17 +167,6 @@ fn depths(world: &World, frame: &Frame) -> Vec<f32> {
     frame.positions.iter().map(deepest).collect()
 }
 
-/// The scene's solids at time `t`, in a colour for the head and one for all others.
-fn solids(world: &World, t: f64, [head, others]: [[f32; 3]; 2]) -> Vec<SolidMesh<'_>> {
-    fn place(mesh: &TriMesh, pose: Isometry3<f64>, colour: [f32; 3]) -> SolidMesh<'_> {
-        let TriMesh { vertices, triangles } = mesh;
-        SolidMesh { vertices, triangles, world_from_solid: pose.cast(), colour }
-    }
-    let mut out = vec![place(&world.head_mesh, world.world_from_head(t), head)];
-    out.extend(world.solid_meshes.iter().zip(world.world_from_solids(t)).map(|(mesh, pose)| place(mesh, pose, others)));
-    out
-}
-
 fn draw(
     renderer: &mut RenderProcess,
     world: &World,
@@ -229,25 +198,6 @@ fn draw(
     Ok(renderer.picture(&scene)?)
 }
 
-/// Pictures of hair at these times from the scene's camera. `done` hears of each.
-///
-/// # Errors
-/// No driver, or one that fails.
-pub fn pictures(world: &World, frames: &[&(f64, Vec<[f32; 3]>)], bars: &Bars, done: impl Fn()) -> Result<Vec<Image>> {
-    let mut renderer = start(bars)?;
-    let mut images = Vec::with_capacity(frames.len());
-    for (t, positions) in frames {
-        let mut scene = Scene::new(camera(world));
-        scene.strands.push(Strands::new(positions, world.groom.n_particles, ColourBy::Hair(BROWN)));
-        scene.solids = solids(world, *t, [SKIN, HORN]);
-        let mut image = renderer.picture(&scene)?;
-        image.draw_time(*t);
-        images.push(image);
-        done();
-    }
-    Ok(images)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -261,13 +211,5 @@ mod tests {
             // What comes after the last has no place: the sheet is full.
             assert!(on_sheet(chosen.len(), n_pictures) >= n_pictures);
         }
-    }
-
-    #[test]
-    fn another_height_keeps_the_shape_of_the_view() {
-        let camera = Camera::around([0.0; 3], 40.0, 0.0, 640, 480);
-        assert_eq!(sized(camera, None), camera);
-        let small = sized(camera, Some(120));
-        assert_eq!((small.width, small.height, small.eye), (160, 120, camera.eye));
     }
 }
