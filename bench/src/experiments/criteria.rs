@@ -54,7 +54,7 @@ fn one(place: &dyn Place, head: &Trained, size: Amount, situation: Situation, ou
     let mut found = Vec::new();
     for (name, params) in situations::criteria() {
         // With the correction on, the choices differ little; one is enough where time is short.
-        if place.size() == Size::Smoke && !name.ends_with("uncorrected") && name != "both" {
+        if place.size() != Size::Full && !name.ends_with("uncorrected") && name != "both" {
             continue;
         }
         let name = match name.strip_suffix("_uncorrected") {
