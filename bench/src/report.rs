@@ -54,8 +54,8 @@ pub struct Machine {
     pub processor: String,
     /// Threads used.
     pub threads: usize,
-    /// Memory, GiB.
-    pub memory_gib: f64,
+    /// Memory, GiB, where it is known.
+    pub memory_gib: Option<f64>,
     /// Operating system and architecture.
     pub system: String,
 }
@@ -74,6 +74,7 @@ pub struct Section {
 }
 
 /// How an experiment ended.
+#[expect(clippy::large_enum_variant, reason = "there are a few dozen of them, and most are the large one")]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Outcome {

@@ -127,7 +127,7 @@ fn report() -> Report {
             size: Size::Smoke,
             commit: "0123abc".to_owned(),
             written_s: 1_000_000_000,
-            machine: Machine { threads: 2, memory_gib: f64::NAN, ..Machine::default() },
+            machine: Machine { threads: 2, ..Machine::default() },
             notes: vec![NASTY.to_owned()],
         },
         sections: vec![

@@ -103,7 +103,8 @@ pub fn files(root: &Path) -> anyhow::Result<Vec<PathBuf>> {
             let output = folder.as_os_str().is_empty() && (name == "target" || name == "out");
             if kind.is_dir() && !hidden && !output {
                 folders.push(path);
-            } else if kind.is_file() {
+            } else if kind.is_file() && name != ".git" {
+                // A file of that name is how a second working tree finds its repository.
                 out.push(path);
             }
         }

@@ -7,7 +7,8 @@
 use super::html_parts::{anchor, base64, escaped, table};
 use super::plot::{COLOURS, STYLE, svg};
 use super::words::{
-    counted, date_words, duration_words, measured_words, size_words, verdict_class, verdict_words, verdicts_words,
+    counted, date_words, duration_words, measured_words, memory_words, size_words, verdict_class, verdict_words,
+    verdicts_words,
 };
 use super::{Made, Outcome, Report, Section};
 use crate::evidence::{Claim, Findings, Picture, Verdict};
@@ -339,7 +340,7 @@ fn write_about(out: &mut String, report: &Report) {
         ("Written", date_words(about.written_s)),
         ("Size", size_words(about.size).to_owned()),
         ("Processor", format!("{}, {}", machine.processor, counted(machine.threads, "thread"))),
-        ("Memory", format!("{:.0} GiB", machine.memory_gib)),
+        ("Memory", memory_words(machine)),
         ("System", machine.system.clone()),
         (
             "Experiments took",

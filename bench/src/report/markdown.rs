@@ -2,7 +2,9 @@
 //!
 //! Plots and pictures are linked as files beside it: plot `k` (from 1) of experiment `e` is `plots/e-k.svg`.
 
-use super::words::{counted, date_words, duration_words, measured_words, shown, size_words, verdict_words};
+use super::words::{
+    counted, date_words, duration_words, measured_words, memory_words, shown, size_words, verdict_words,
+};
 use super::{Outcome, Report};
 use crate::evidence::{Findings, Table};
 use std::fmt::Write;
@@ -61,11 +63,11 @@ pub fn markdown(report: &Report) -> String {
     let machine = &about.machine;
     let _ = writeln!(
         out,
-        "## About this run\n\n- version: {}\n- processor: {}, {}\n- memory: {:.0} GiB\n- system: {}",
+        "## About this run\n\n- version: {}\n- processor: {}, {}\n- memory: {}\n- system: {}",
         escaped(&about.commit),
         escaped(&machine.processor),
         counted(machine.threads, "thread"),
-        machine.memory_gib,
+        memory_words(machine),
         escaped(&machine.system)
     );
     out

@@ -3,6 +3,7 @@
 //! A number shows as many digits as its cell says, thousands set apart; what is not finite is a dash, and a zero
 //! has no sign.
 
+use super::Machine;
 use crate::evidence::{Cell, Size, Verdict};
 
 /// A cell as it is read.
@@ -103,6 +104,11 @@ pub fn size_words(size: Size) -> &'static str {
 #[must_use]
 pub fn counted(n: usize, one: &str) -> String {
     if n == 1 { format!("1 {one}") } else { format!("{n} {one}s") }
+}
+
+/// How much memory a machine has.
+pub(super) fn memory_words(machine: &Machine) -> String {
+    machine.memory_gib.map_or_else(|| "unknown".to_owned(), |gib| format!("{gib:.0} GiB"))
 }
 
 /// Seconds, as people say them.

@@ -155,7 +155,7 @@ fn machine() -> Machine {
     Machine {
         processor: read("/proc/cpuinfo", "model name").unwrap_or_else(|| "unknown".to_owned()),
         threads: rayon::current_num_threads(),
-        memory_gib: kib.map_or(f64::NAN, |kib| kib / f64::from(1 << 20)),
+        memory_gib: kib.map(|kib| kib / f64::from(1 << 20)),
         system: format!("{}, {}", std::env::consts::OS, std::env::consts::ARCH),
     }
 }
