@@ -129,7 +129,7 @@ pub(super) fn model(x: &[f32], guides: &[u32]) -> SkinningModel {
 fn world(name: &str, solid: &str) -> Result<World, Error> {
     let text = format!(
         "name = \"{name}\"\nseconds = 1.6\n[groom]\ngenerator = {{ style = \"straight\", strands = 4, length_cm = 18 }}\n\
-         particles = 25\nguides = 2\n[head]\nbuiltin = \"ball\"\nradius_cm = 0.8\n{solid}"
+         particles = 25\nguides = 2\n[head]\nbuiltin = \"ball\"\nradius_cm = 1.0\n{solid}"
     );
     let mut scene = Scene::from_toml(&text, Path::new(""))?;
     scene.camera = CameraSpec {
