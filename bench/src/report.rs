@@ -74,6 +74,7 @@ pub struct Section {
 }
 
 /// How an experiment ended.
+#[expect(clippy::large_enum_variant, reason = "there are a few dozen of them, and most are the large one")]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Outcome {

@@ -28,8 +28,8 @@ pub struct Amount {
 #[must_use]
 pub fn amount(size: Size, hairs: usize, guides: usize) -> Amount {
     match size {
-        Size::Smoke => Amount { hairs: hairs / 30, guides: guides / 4, measured: 600, reference: 300 },
-        Size::Quick => Amount { hairs: hairs / 15, guides: guides / 2, measured: 2_000, reference: 800 },
+        Size::Smoke => Amount { hairs: hairs / 30, guides: guides / 4, measured: 500, reference: 200 },
+        Size::Quick => Amount { hairs: hairs / 20, guides: guides / 2, measured: 1_000, reference: 500 },
         Size::Full => Amount { hairs, guides, measured: 10_000, reference: 2_000 },
     }
 }

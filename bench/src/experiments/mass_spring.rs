@@ -16,7 +16,7 @@ use io_formats::scene::{KeySpec, MotionSpec, Scene};
 use nalgebra::Vector3;
 use std::collections::HashSet;
 use std::path::Path;
-use strand_sim::interaction::RepulsionParams;
+use strand_sim::interaction::{CollideParams, RepulsionParams};
 use strand_sim::wind::GustyWind;
 use strand_sim::{InteractionParams, Material, StepParams};
 
@@ -121,8 +121,8 @@ const STRAIN_LIMIT: f64 = 0.1;
 /// Hairs of a head of which the paper has `paper`.
 fn hairs(size: Size, paper: usize) -> usize {
     match size {
-        Size::Smoke => paper / 40,
-        Size::Quick => paper / 10,
+        Size::Smoke => paper / 100,
+        Size::Quick => paper / 40,
         Size::Full => paper,
     }
 }
@@ -139,7 +139,15 @@ struct Seen {
     world: World,
 }
 
-fn see(place: &dyn Place, on: &World, look: &Look, n_strands: usize) -> Result<Seen, Error> {
+/// Share of the paper's hairs that move for more than a frame, at full size: all of them take hours.
+const MOVING_SHARE: usize = 5;
+
+/// Hairs of a head that moves for a scene.
+fn moving_hairs(size: Size, paper: usize) -> usize {
+    hairs(size, paper) / if size == Size::Full { MOVING_SHARE } else { 1 }
+}
+
+fn see(place: &dyn Place, on: &World, look: &Look, n_strands: usize, meets: bool) -> Result<Seen, Error> {
     let keys = look.turns.iter().map(|&(t, rotate_deg)| KeySpec { t, translate_cm: [0.0; 3], rotate_deg });
     let mut scene = on.scene.clone();
     scene.head.motion = MotionSpec::Keys(keys.collect());
@@ -159,8 +167,12 @@ fn see(place: &dyn Place, on: &World, look: &Look, n_strands: usize) -> Result<S
     let rest = settle(&groom, &world.head, world.material, &params, |_| {})?;
     // A hair that stands for many is as thick as they together, or hair would have no volume.
     let repulsion = RepulsionParams { thickness_cm: thickness_cm(n_strands), ..RepulsionParams::standard() };
-    let meeting = InteractionParams { repulsion, ..InteractionParams::dry() };
-    let mut full = FullSpace::new(&groom, &rest, &world.head, world.material, &params)?.meeting(meeting);
+    // As in the table of costs: more sweeps gain little in packed hair.
+    let collision = Some(CollideParams { sweeps: 1, sticky_sweeps: 1, ..CollideParams::standard() });
+    let mut full = FullSpace::new(&groom, &rest, &world.head, world.material, &params)?;
+    if meets {
+        full = full.meeting(InteractionParams { repulsion, collision, ..InteractionParams::dry() });
+    }
     if look.windy {
         full = full.in_wind(WIND);
     }
@@ -211,11 +223,12 @@ fn heads(place: &dyn Place) -> Result<Findings, Error> {
         ..Findings::default()
     };
     let mut rows = Vec::new();
-    let mut worst: f64 = 0.0;
+    let (mut worst, mut worst_alone): (f64, f64) = (0.0, 0.0);
     let mut bad = 0;
     let mut medium = None;
     for look in &LOOKS {
-        let seen = see(place, &on, look, hairs(place.size(), look.paper))?;
+        let seen = see(place, &on, look, moving_hairs(place.size(), look.paper), true)?;
+        let alone = see(place, &on, look, seen.hairs, false)?;
         rows.push(vec![
             text(look.words),
             text(look.source),
@@ -224,9 +237,11 @@ fn heads(place: &dyn Place) -> Result<Findings, Error> {
             number(look.particles as f64, 0),
             number(100.0 * seen.p99_stretch, 2),
             number(100.0 * seen.max_stretch, 1),
+            number(100.0 * alone.p99_stretch, 2),
             number(seen.links / seen.hairs as f64, 1),
         ]);
         worst = worst.max(seen.p99_stretch);
+        worst_alone = worst_alone.max(alone.p99_stretch);
         bad += seen.nonfinite;
         // From behind where hair hides the face at rest.
         for ((t, positions), k) in MOMENTS.into_iter().zip(&seen.shots).zip(0..) {
@@ -239,7 +254,17 @@ fn heads(place: &dyn Place) -> Result<Findings, Error> {
             medium = Some((look, seen));
         }
     }
-    let columns = ["head", "source", "hairs in the paper", "hairs", "particles", "stretch, 99 %, %", "stretch, most, %", "links a hair"];
+    let columns = [
+        "head",
+        "source",
+        "hairs in the paper",
+        "hairs",
+        "particles",
+        "stretch, 99 %, %",
+        "stretch, most, %",
+        "stretch, 99 %, hairs passing hairs, %",
+        "links a hair",
+    ];
     out.tables.push(Table {
         title: "Heads of hair, every hair simulated".to_owned(),
         columns: columns.map(str::to_owned).to_vec(),
@@ -250,14 +275,18 @@ fn heads(place: &dyn Place) -> Result<Findings, Error> {
         "MS08 §6, Fig. 2, 9, 14, 16",
         "Full heads of long straight, medium straight and long curly hair are simulated hair by hair under head motion and wind, stably.",
         "5,000 to 10,000 hairs",
-        format!("{bad} coordinates that are not finite; 99 % of segments stretched by less than {:.2} %", 100.0 * worst),
+        format!("{bad} coordinates that are not finite; 99 % of segments stretched by less than {:.2} %, {:.2} % where hairs pass through each other", 100.0 * worst, 100.0 * worst_alone),
         verdict(&[bad == 0, worst < STRAIN_LIMIT]),
-        if place.size() == Size::Full { "" } else { "Fewer hairs than the paper's in a report of this size." },
+        if worst > STRAIN_LIMIT && worst_alone <= STRAIN_LIMIT {
+            "Fewer hairs than the paper's. What stretches hair beyond the limit of MS08 §4.2 is its meeting other hair."
+        } else {
+            "Fewer hairs than the paper's."
+        },
     ));
     out.measures.push(lower("not_finite", "", bad as f64, 0.0));
     out.measures.push(lower("stretch_p99_pct_worst", "%", 100.0 * worst, 0.5));
     if let Some((look, whole)) = medium {
-        let half = see(place, &on, look, whole.hairs / 2)?;
+        let half = see(place, &on, look, whole.hairs / 2, true)?;
         doubled(place, &half, &whole, look, &mut out)?;
     }
     Ok(out)
@@ -401,10 +430,7 @@ fn costs(place: &dyn Place) -> Result<Findings, Error> {
                 ("MS08".to_owned(), vec![[5_000.0, 60.0 * paper_five], [10_000.0, 60.0 * paper_ten]]),
                 (
                     "ours".to_owned(),
-                    vec![
-                        [hairs(place.size(), 5_000) as f64, five],
-                        [hairs(place.size(), 10_000) as f64, ten],
-                    ],
+                    vec![[hairs(place.size(), 5_000) as f64, five], [hairs(place.size(), 10_000) as f64, ten]],
                 ),
             ],
         }],

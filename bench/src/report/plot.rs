@@ -177,7 +177,7 @@ fn mark(out: &mut String, n: usize, [x, y]: [f64; 2]) {
         _ => format!("M{:.1} {y:.1}l4 -4l4 4l-4 4z", x - 4.0),
     };
     let kind = n % KINDS;
-    let fill = if n / 4 % 2 == 0 { format!("var(--c{kind})") } else { "var(--paper)".to_owned() };
+    let fill = if (n / 4).is_multiple_of(2) { format!("var(--c{kind})") } else { "var(--paper)".to_owned() };
     let _ = write!(out, "<path class=\"mark k{kind}\" style=\"fill:{fill}\" d=\"{shape}\"/>");
 }
 

@@ -35,10 +35,9 @@ pub fn baseline(args: &Args, report: &Report) -> Result<()> {
         report.sections.iter().filter_map(|s| Some((s.name.as_str(), &s.findings()?.measures[..]))).collect();
     if args.write_baseline {
         ensure!(report.failed().next().is_none(), "no baseline is made of a run in which experiments broke off");
-        let mut baseline = match args.only.is_empty() {
-            true => Baseline::of(size, []),
-            false => read(size)?,
-        };
+        // What was not run keeps its baseline.
+        let keeps = !args.only.is_empty() && path(size).exists();
+        let mut baseline = if keeps { read(size)? } else { Baseline::of(size, []) };
         baseline.take(measured.iter().copied());
         let mut text = serde_json::to_string_pretty(&baseline)?;
         text.push('\n');
