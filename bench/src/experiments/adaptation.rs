@@ -76,7 +76,7 @@ fn run(place: &dyn Place) -> Result<Findings, Error> {
     };
     for (k, (shot, t)) in shots.iter().zip(MOMENTS).enumerate() {
         let row = format!("adaptation-{k}");
-        let parts: [(&str, &str, &[[f32; 3]], &[[f32; 3]]); 3] = [
+        let parts = [
             ("guides", "guides", &shot.guides, &shot.guide_colors),
             ("weights", "weights, mixed colours of guides", &shot.hair, &shot.weights),
             ("numbers", "effective guides: red one, blue three", &shot.hair, &shot.numbers),
@@ -118,7 +118,11 @@ fn hue(guide: u16) -> [f32; 3] {
 /// Red for one guide, yellow for two, blue for three and more.
 fn of_number(guides: f64) -> [f32; 3] {
     let x = (guides as f32 - 1.0).clamp(0.0, 2.0);
-    if x < 1.0 { [0.8, 0.05 + 0.6 * x, 0.05] } else { [0.8 * (2.0 - x) + 0.05, 0.65 - 0.4 * (x - 1.0), 0.05 + 0.7 * (x - 1.0)] }
+    if x < 1.0 {
+        [0.8, 0.05 + 0.6 * x, 0.05]
+    } else {
+        [0.8 * (2.0 - x) + 0.05, 0.65 - 0.4 * (x - 1.0), 0.05 + 0.7 * (x - 1.0)]
+    }
 }
 
 fn shoot(runtime: &Runtime) -> Shot {
@@ -205,7 +209,9 @@ fn claims(out: &mut Findings, ours: &[Figure], literal: &[Figure]) {
         "AS16 §4.3, Fig. 7",
         "Sets of guides and their weights change during the simulation, as solids and motion ask for.",
         "shown in pictures",
-        format!("{before:.2} effective guides before the comb, {least:.2} while it is in the hair, {end:.2} at the end"),
+        format!(
+            "{before:.2} effective guides before the comb, {least:.2} while it is in the hair, {end:.2} at the end"
+        ),
         verdict(&[least < 0.9 * before, end >= 0.95 * before]),
         &format!(
             "That sets come back is a departure from Eq. (3): to the letter {:.2} are left at the end.",

@@ -64,7 +64,12 @@ fn run(place: &dyn Place) -> Result<Findings, Error> {
         let mut shown = vec![("full space", against.shots[at].as_slice())];
         shown.extend(named.iter().map(|(name, way)| (*name, way.shots[at].as_slice())));
         let row = format!("correction-{at}");
-        out.pictures.extend(side_by_side(place, &head.world, Row { name: &row, t, n_strands: size.reference, marks: true }, &shown)?);
+        out.pictures.extend(side_by_side(
+            place,
+            &head.world,
+            Row { name: &row, t, n_strands: size.reference, marks: true },
+            &shown,
+        )?);
     }
     let way = |k: usize| named[k].1;
     claims(&mut out, &against, [way(0), way(1), way(2), way(3)]);

@@ -77,7 +77,12 @@ fn one(place: &dyn Place, head: &Trained, size: Amount, situation: Situation, ou
         let drawn = |name: &str| name.ends_with("uncorrected") || name == "both";
         shown.extend(named.iter().filter(|(n, _)| drawn(n)).map(|(n, way)| (*n, way.shots[at].as_slice())));
         let row = format!("{scene}-{at}");
-        out.pictures.extend(side_by_side(place, &world, Row { name: &row, t, n_strands: size.reference, marks: true }, &shown)?);
+        out.pictures.extend(side_by_side(
+            place,
+            &world,
+            Row { name: &row, t, n_strands: size.reference, marks: true },
+            &shown,
+        )?);
     }
     let way = |wanted: &str| named.iter().find(|(name, _)| *name == wanted).map(|(_, way)| *way);
     if let (Some(both), Some(similarity), Some(avoidance), Some(corrected)) =

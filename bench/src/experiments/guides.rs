@@ -79,7 +79,8 @@ fn run(place: &dyn Place) -> Result<Findings, Error> {
         )],
         ..Findings::default()
     };
-    let columns = ["hair", "guides", "way", "eligible, mean", "trained on, cm", "held out, cm", "held out, % of length"];
+    let columns =
+        ["hair", "guides", "way", "eligible, mean", "trained on, cm", "held out, cm", "held out, % of length"];
     out.tables.push(Table {
         title: "Error by way to select guides".to_owned(),
         columns: columns.map(str::to_owned).to_vec(),

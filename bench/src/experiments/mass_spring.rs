@@ -254,7 +254,17 @@ fn heads(place: &dyn Place) -> Result<Findings, Error> {
             medium = Some((look, seen));
         }
     }
-    let columns = ["head", "source", "hairs in the paper", "hairs", "particles", "stretch, 99 %, %", "stretch, most, %", "stretch, 99 %, hairs passing hairs, %", "links a hair"];
+    let columns = [
+        "head",
+        "source",
+        "hairs in the paper",
+        "hairs",
+        "particles",
+        "stretch, 99 %, %",
+        "stretch, most, %",
+        "stretch, 99 %, hairs passing hairs, %",
+        "links a hair",
+    ];
     out.tables.push(Table {
         title: "Heads of hair, every hair simulated".to_owned(),
         columns: columns.map(str::to_owned).to_vec(),
@@ -420,10 +430,7 @@ fn costs(place: &dyn Place) -> Result<Findings, Error> {
                 ("MS08".to_owned(), vec![[5_000.0, 60.0 * paper_five], [10_000.0, 60.0 * paper_ten]]),
                 (
                     "ours".to_owned(),
-                    vec![
-                        [hairs(place.size(), 5_000) as f64, five],
-                        [hairs(place.size(), 10_000) as f64, ten],
-                    ],
+                    vec![[hairs(place.size(), 5_000) as f64, five], [hairs(place.size(), 10_000) as f64, ten]],
                 ),
             ],
         }],

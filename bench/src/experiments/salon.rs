@@ -73,7 +73,12 @@ fn run(place: &dyn Place, style: HairStyle) -> Result<Findings, Error> {
         if at == 1 {
             shown.extend(named.iter().skip(3).map(|(name, way)| (*name, way.shots[at].as_slice())));
         }
-        out.pictures.extend(side_by_side(place, &head.world, Row { name: &row, t, n_strands: size.reference, marks: false }, &shown)?);
+        out.pictures.extend(side_by_side(
+            place,
+            &head.world,
+            Row { name: &row, t, n_strands: size.reference, marks: false },
+            &shown,
+        )?);
     }
     let mut scene = head.world.scene.clone();
     scene.camera = near_the_comb(&head, MOMENTS[1]);

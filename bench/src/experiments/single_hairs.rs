@@ -45,7 +45,10 @@ fn run(place: &dyn Place) -> Result<Findings, Error> {
         "MS08 Fig. 10 (a)",
         "A hair forced together at its ends buckles into a loop.",
         "shown in pictures",
-        format!("{:.2} of its length off the axis, turned by {:.1} rad at most between segments", pushed.off_axis_share, pushed.largest_turn),
+        format!(
+            "{:.2} of its length off the axis, turned by {:.1} rad at most between segments",
+            pushed.off_axis_share, pushed.largest_turn
+        ),
         verdict(&[pushed.off_axis_share > 0.1, pushed.largest_strain < 0.1]),
         "",
     ));
@@ -57,7 +60,10 @@ fn run(place: &dyn Place) -> Result<Findings, Error> {
             "MS08 Fig. 10 (b)",
             "A hair twisted at one end gives way and tangles.",
             "shown in pictures",
-            format!("snaps at {:.2} turns; an elastic rod of its stiffness at {:.2}", critical.turns, critical.rod_turns),
+            format!(
+                "snaps at {:.2} turns; an elastic rod of its stiffness at {:.2}",
+                critical.turns, critical.rod_turns
+            ),
             verdict(&[critical.turns > 0.0, (critical.turns / critical.rod_turns - 1.0).abs() < 0.2]),
             "Held to the theory of rods, which the paper does not do.",
         ));
@@ -134,7 +140,8 @@ fn tuft(size: Size, out: &mut Findings) -> Result<(), Error> {
     for (name, model) in models {
         found.push((name, shake(&tuft, model, SHAKEN_S)?.0));
     }
-    let columns = ["model", "largest strain", "strain, 99 %", "pairs that went through each other", "links", "spread, cm"];
+    let columns =
+        ["model", "largest strain", "strain, 99 %", "pairs that went through each other", "links", "spread, cm"];
     out.tables.push(Table {
         title: format!("A shaken tuft of {} hairs", tuft.n_strands),
         columns: columns.map(str::to_owned).to_vec(),

@@ -132,7 +132,12 @@ fn one(
     let mut shown = vec![("full space", found.against.shots[0].as_slice())];
     shown.extend(named.iter().map(|(name, way)| (*name, way.shots[0].as_slice())));
     let row = format!("skinning-{}", scene.replace(' ', "-"));
-    out.pictures.extend(side_by_side(place, world, Row { name: &row, t: moment, n_strands: size.reference, marks: false }, &shown)?);
+    out.pictures.extend(side_by_side(
+        place,
+        world,
+        Row { name: &row, t: moment, n_strands: size.reference, marks: false },
+        &shown,
+    )?);
     if let Some(ours) = found.way("ours") {
         let name = scene.replace([' ', '-'], "_");
         out.measures.push(lower(format!("error_all_pct_{name}"), "% of length", ours.error_pct()[1], 0.5));

@@ -14,9 +14,7 @@ use crate::shapes::solid_mesh;
 use crate::shapes_hand::{bone_motions, finger_bones, palm};
 use crate::world::World;
 use io_formats::groom::LengthUnit;
-use io_formats::scene::{
-    Attach, CameraSpec, HeadSpec, KeySpec, MeshSource, MotionSpec, Scene, SolidShape, SolidSpec,
-};
+use io_formats::scene::{Attach, CameraSpec, HeadSpec, KeySpec, MeshSource, MotionSpec, Scene, SolidShape, SolidSpec};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 /// Gears.
@@ -94,7 +92,11 @@ fn compared(
         "shown in pictures",
         format!("error of near hairs {error:.2} % of length, {error_fixed:.2} % with fixed sets"),
         alike(ours, fixed),
-        if error_fixed > ALIKE_PCT { "The reduced model itself is that far off, whichever sets are taken." } else { "" },
+        if error_fixed > ALIKE_PCT {
+            "The reduced model itself is that far off, whichever sets are taken."
+        } else {
+            ""
+        },
     ));
     out.measures = watched("ours", ours, &against);
     Ok(out)
@@ -181,13 +183,7 @@ fn toys(place: &dyn Place, scene: &Scene) -> Option<Scene> {
 }
 
 fn solid(name: &str, shape: SolidShape, keys: Vec<KeySpec>) -> SolidSpec {
-    SolidSpec {
-        name: name.to_owned(),
-        shape,
-        friction: 0.1,
-        attach: Attach::World,
-        motion: MotionSpec::Keys(keys),
-    }
+    SolidSpec { name: name.to_owned(), shape, friction: 0.1, attach: Attach::World, motion: MotionSpec::Keys(keys) }
 }
 
 /// Where the palm is and how far the hand has closed: s, cm, 0 to 1.

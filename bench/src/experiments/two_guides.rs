@@ -14,16 +14,14 @@ use io_formats::groom::UniformGroom;
 use io_formats::guide_transform::Blend;
 use io_formats::scene::{CameraSpec, Scene};
 use io_formats::skinning_model::{SkinningModel, WeightPoly};
-use strand_sim::Material;
 use std::path::Path;
+use strand_sim::Material;
 
 /// The experiment.
-pub const EXPERIMENT: Experiment = Experiment {
-    name: "two-guides",
-    title: "Two hairs, two guides, one rod",
-    source: "AS16 §3.2, Fig. 4; §5.2",
-    run,
-};
+pub const EXPERIMENT: Experiment =
+    Experiment {
+        name: "two-guides", title: "Two hairs, two guides, one rod", source: "AS16 §3.2, Fig. 4; §5.2", run
+    };
 
 /// Particles of a strand.
 const N: usize = 25;
@@ -185,7 +183,9 @@ fn run(place: &dyn Place) -> Result<Findings, Error> {
         "AS16 §5.2",
         "Forces on normal hairs move the guides that they follow, which do not touch the solid themselves.",
         "stated",
-        format!("guides moved by {ours:.2} cm with two-way forces, {alone:.2} cm without, {fixed:.2} cm with fixed sets"),
+        format!(
+            "guides moved by {ours:.2} cm with two-way forces, {alone:.2} cm without, {fixed:.2} cm with fixed sets"
+        ),
         verdict(&[ours > 2.0 * alone.max(0.01), inside(&push[0]) <= CLEAN_PCT]),
         "",
     ));
@@ -229,7 +229,8 @@ fn case(
         let way = watch_each(place, &subject, &against, &MOMENTS, |_, runtime| {
             let guides = runtime.guides_in_head();
             let start = start.get_or_insert_with(|| guides.to_vec());
-            let far = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>().sqrt();
+            let far =
+                |(a, b): (&[f32; 3], &[f32; 3])| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>().sqrt();
             moved = guides.iter().zip(start.iter()).map(far).fold(moved, f64::max);
         })?;
         found.push((way, moved));
@@ -246,7 +247,12 @@ fn case(
         let mut shown = vec![("full space", against.shots[at].as_slice())];
         shown.extend(named.iter().map(|(name, way)| (*name, way.shots[at].as_slice())));
         let row = format!("two-guides-{name}-{at}");
-        out.pictures.extend(side_by_side(place, &world, Row { name: &row, t, n_strands: ROW.len(), marks: true }, &shown)?);
+        out.pictures.extend(side_by_side(
+            place,
+            &world,
+            Row { name: &row, t, n_strands: ROW.len(), marks: true },
+            &shown,
+        )?);
     }
     Ok(found)
 }
