@@ -16,6 +16,7 @@ use crate::planes::{dot, hold_at_planes, keep_lengths, less, plane_gap, point_at
 use crate::response::Response;
 use crate::solid_in_head::{SolidInHead, particle};
 use crate::strands::{Fade, GROUP, MAX_TOUCHES, Slot, Touch, Wake, bring_up, largest};
+use arrayvec::ArrayVec;
 use multiversion::multiversion;
 use nalgebra::Vector3;
 
@@ -30,6 +31,11 @@ const WATCHED_TRAVEL: f32 = 1.2;
 /// Greatest speed at which a strand leaves a solid along any axis, cm/s: what it had beyond is lost to the hair around it and to the air.
 /// Returning by itself it then goes three quarters of a centimetre farther along it at most.
 const RELEASE_SPEED: f32 = 10.0;
+
+/// Looks at a strand in a substep at most, and how far it must have been moved out of a solid to be looked at again (cm): its other parts
+/// may then be in another.
+const LOOKS: usize = 8;
+const LOOK_AGAIN_CM: f32 = 0.005;
 
 /// Gap below which a place bears on the strand, cm.
 const BEARING_CM: f32 = 0.003;
@@ -83,10 +89,9 @@ pub(crate) struct Moving {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Work {
     strands: Vec<Moving>,
-    /// Those looked at together: in the solid's frame, the length of the longest segment, and how far all but their touches surely is
+    /// Those looked at together in the solid's frame, and of each how far all but their touches surely is
     /// beyond the distance kept, cm.
     in_solid: Vec<f32>,
-    longest: Vec<f32>,
     clear: Vec<f32>,
     look: Look,
 }
@@ -97,7 +102,6 @@ impl Work {
         if self.strands.len() < n {
             self.strands.resize_with(n, Moving::default);
             self.in_solid.resize(n * 3 * pad, 0.0);
-            self.longest.resize(n, 0.0);
             self.clear.resize(n, 0.0);
         }
         for strand in &mut self.strands[..n] {
@@ -263,10 +267,27 @@ pub(crate) fn correct(
                 w.pushed = true;
             }
         }
-        look(around, members.slots, awake, alpha, reach, work);
-        for (w, &k) in work.strands.iter_mut().zip(awake) {
-            let slot = &mut members.slots[usize::from(k)];
-            w.pushed |= move_out(around, response, slot, alpha, (travel.last / substeps as f32, h as f32), w);
+        let most = params.guides.contact.max_push_speed as f32 * h as f32 + travel.last / substeps as f32;
+        let mut which = all(awake.len());
+        for look_number in 1..=LOOKS {
+            look(around, members.slots, awake, &which, alpha, reach, work);
+            which.retain(|i| {
+                let (w, slot) =
+                    (&mut work.strands[usize::from(*i)], &mut members.slots[usize::from(awake[usize::from(*i)])]);
+                let moved = move_out(around, response, slot, alpha, most, w);
+                w.pushed |= moved > 0.0;
+                let again = moved > LOOK_AGAIN_CM && look_number < LOOKS;
+                if again {
+                    let rest = skins.rest_of(slot.strand as usize);
+                    keep_lengths(&w.now, rest, &mut w.x, &mut w.offset, pad, around.n);
+                }
+                again
+            });
+            if which.is_empty() {
+                break;
+            }
+        }
+        for w in &mut work.strands[..awake.len()] {
             if substep == substeps && w.pushed {
                 keep_out_of_head(around, response, w);
             }
@@ -382,24 +403,36 @@ fn longest_segment(x: &[f32], pad: usize, n: usize) -> f32 {
     most.sqrt()
 }
 
-/// Looks at strands where they now are: what is nearer than the reach becomes their touches, and `work.clear` how far all else
-/// surely is beyond the distance kept, cm.
-fn look(around: &Surroundings, slots: &mut [Slot], awake: &[u8], alpha: f32, reach: f32, work: &mut Work) {
+/// The first `n` strands of a group.
+fn all(n: usize) -> ArrayVec<u8, GROUP> {
+    (0..n as u8).collect()
+}
+
+/// Looks at strands where they now are, those of `awake` whose numbers are in `which`: what is nearer than the reach becomes their
+/// touches, and `work.clear` how far all else surely is beyond the distance kept, cm.
+fn look(
+    around: &Surroundings,
+    slots: &mut [Slot],
+    awake: &[u8],
+    which: &[u8],
+    alpha: f32,
+    reach: f32,
+    work: &mut Work,
+) {
     let Surroundings { pad, n, .. } = *around;
     let gap_kept = around.params.guides.contact.offset_cm as f32;
-    let count = awake.len();
-    for (i, &k) in awake.iter().enumerate() {
-        slots[usize::from(k)].n_touches = 0;
-        work.longest[i] = longest_segment(&work.strands[i].x, pad, n);
+    let Work { strands, in_solid, clear: kept_clear, look, .. } = work;
+    let (mut longest, mut clear) = ([0.0f32; GROUP], [f32::INFINITY; GROUP]);
+    for (&i, longest) in which.iter().zip(&mut longest) {
+        slots[usize::from(awake[usize::from(i)])].n_touches = 0;
+        *longest = longest_segment(&strands[usize::from(i)].x, pad, n);
     }
-    let Work { strands, in_solid, longest, clear, look, .. } = work;
-    let (longest, clear) = (&longest[..count], &mut clear[..count]);
-    clear.fill(f32::INFINITY);
+    let (longest, clear) = (&longest[..which.len()], &mut clear[..which.len()]);
     let spacing = around.params.guides.contact.spacing_over_half_thickness as f32;
     for (number, solid) in around.solids.iter().enumerate() {
         let frame = solid.at(f64::from(alpha));
-        for (w, out) in strands.iter().zip(in_solid.chunks_exact_mut(3 * pad)).take(count) {
-            run(Turn { frame: &frame, x: &w.x, out });
+        for (&i, out) in which.iter().zip(in_solid.chunks_exact_mut(3 * pad)) {
+            run(Turn { frame: &frame, x: &strands[usize::from(i)].x, out });
         }
         let sight = Sight {
             field: &solid.solid.sdf,
@@ -411,7 +444,7 @@ fn look(around: &Surroundings, slots: &mut [Slot], awake: &[u8], alpha: f32, rea
         // The least of all are kept; the others bound what is not remembered.
         let mut left_out = [f32::INFINITY; GROUP];
         look.along(&sight, Particles { x: in_solid, pad }, longest, clear, &mut |i, near| {
-            let slot = &mut slots[usize::from(awake[i])];
+            let slot = &mut slots[usize::from(awake[usize::from(which[i])])];
             let Nearest { segment, s, distance, point, normal } = near;
             let gap = distance - gap_kept;
             let touch = Touch { solid: number as u16, segment, s, gap, point, normal };
@@ -431,36 +464,34 @@ fn look(around: &Surroundings, slots: &mut [Slot], awake: &[u8], alpha: f32, rea
             *clear = clear.min(left_out);
         }
     }
-    for clear in clear {
-        *clear -= gap_kept;
+    for (&i, clear) in which.iter().zip(clear) {
+        kept_clear[usize::from(i)] = *clear - gap_kept;
     }
 }
 
-/// Moves the strand out of solids at its touches, just looked at, by at most what strand and solid move (`travel`, cm, and as fast as
-/// pushes may be over `h`, s); returns whether it had to.
+/// Moves the strand out of solids at its touches, just looked at, by at most `most` (cm) each; returns the farthest that it had to, cm.
 fn move_out(
     around: &Surroundings,
     response: &Response,
     slot: &mut Slot,
     alpha: f32,
-    (travel, h): (f32, f32),
+    most: f32,
     work: &mut Moving,
-) -> bool {
+) -> f32 {
     let pad = around.pad;
-    let most = around.params.guides.contact.max_push_speed as f32 * h + travel;
-    let mut pushed = false;
+    let mut farthest = 0.0f32;
     for touch in &mut slot.touches[..usize::from(slot.n_touches)] {
         let frame = around.solids[usize::from(touch.solid)].at(f64::from(alpha));
         let (j, s) = (usize::from(touch.segment), touch.s);
         // Earlier pushes may have moved it out already.
         let gap = plane_gap(touch, frame.point(point_at(&work.x, pad, j, s)));
         if gap < 0.0 {
-            let by = frame.vector_back(scaled(touch.normal, (-gap).min(most)));
-            put_right(response, (j, s), by, work);
-            pushed = true;
+            let by = (-gap).min(most);
+            put_right(response, (j, s), frame.vector_back(scaled(touch.normal, by)), work);
+            farthest = farthest.max(by);
         }
     }
-    pushed
+    farthest
 }
 
 /// Moves the strand at one place, and its offset at the start with it: that adds nothing to its velocity.

@@ -1,6 +1,6 @@
 //! What residual correction is compared with: the force of AS16 §5.1 alone, and particles moved out one by one (Chai 2014).
 
-use super::{Hold, Members, Outcome, Surroundings, Travel, Work, look};
+use super::{Hold, Members, Outcome, Surroundings, Travel, Work, all, look};
 use crate::kernels::{Carry, run};
 use crate::offset::{N_FIXED, Return};
 use crate::params::Correction;
@@ -26,7 +26,7 @@ pub(super) fn correct_at_end(
     for w in &mut work.strands[..awake.len()] {
         run(Carry { skin: &w.skin, offset: &w.offset, velocity: &w.velocity, back, x: &mut w.x });
     }
-    look(around, members.slots, awake, 1.0, reach, work);
+    look(around, members.slots, awake, &all(awake.len()), 1.0, reach, work);
     let gap_kept = around.params.guides.contact.offset_cm as f32;
     for ((w, &clear), &k) in work.strands.iter_mut().zip(&work.clear).zip(awake) {
         let k = usize::from(k);
