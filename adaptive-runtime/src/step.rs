@@ -269,7 +269,7 @@ impl Runtime {
                 let fastest = due.fold(0.0f32, |most, group| most.max(group.last_travel));
                 let every = steps_within(motion / fastest, most);
                 worker.lost = 0;
-                if (step as usize + part) % every != 0 {
+                if !(step as usize + part).is_multiple_of(every) {
                     return;
                 }
                 let steps = (step + 1 - worker.met).min(most as u64) as usize;

@@ -217,7 +217,11 @@ mod tests {
     #[test]
     fn a_colour_that_stands_for_a_number_is_shown_as_it_is() {
         let strand: Vec<[f32; 3]> = (0..5).map(|n| [0.0, n as f32 - 2.0, -3.0]).collect();
-        let image = drawn(&[(&strand, ColourBy::Weight(&[1.0]))], None);
+        // Wide enough to fill the pixel looked at.
+        let wide = Strands { width_cm: 1.0, ..Strands::new(&strand, strand.len(), ColourBy::Weight(&[1.0])) };
+        let mut scene = Scene::new(camera());
+        scene.strands.push(wide);
+        let image = render(&scene).expect("a scene that can be drawn");
         let wanted = hair_viewer::heat_colour(1.0).map(|c| (c.powf(1.0 / 2.2) * 255.0 + 0.5) as u8);
         assert_eq!(image.rgb[3 * (24 * 64 + 32)..][..3], wanted);
     }
