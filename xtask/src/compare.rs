@@ -53,6 +53,9 @@ pub struct Args {
     /// Draw pictures by the plain rasteriser built in, rather than by a graphics driver where there is one.
     #[arg(long, conflicts_with = "scene")]
     plain: bool,
+    /// Leave pictures beside the page instead of within it: half the bytes where both are kept.
+    #[arg(long, conflicts_with = "scene")]
+    beside: bool,
     /// Fail if a measure is worse than its baseline, docs/benchmarks/baseline-smoke.json (of --smoke) or its like.
     #[arg(long, conflicts_with = "scene")]
     check: bool,
@@ -117,7 +120,8 @@ fn evidence(args: &Args) -> Result<()> {
     let ran = running::all(&chosen, &place, &store, how, &bars)?;
     let (sections, folders): (Vec<_>, Vec<_>) = ran.into_iter().map(|r| (r.section, r.folder)).unzip();
     let report = Report { about: about::about(args.size(), &program, place.notes()), sections };
-    writing::write(&report, &folders, &args.report)?;
+    let within = if args.beside { 0 } else { writing::WITHIN };
+    writing::write(&report, &folders, &args.report, within)?;
     tell(&report);
     println!("report: {}", args.report.join("report.html").display());
     let verdict = check::baseline(args, &report);

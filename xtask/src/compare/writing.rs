@@ -8,14 +8,14 @@ use hair_bench::report::{PictureBytes, Report, html, json, markdown, svg_file};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Pictures up to this size are within the page, larger ones beside it, bytes.
-const WITHIN: usize = 200_000;
+/// Pictures up to this size are within the page as a rule, larger ones beside it, bytes.
+pub const WITHIN: usize = 200_000;
 
-/// Writes the report into a folder; `from` is where each section's pictures lie now.
+/// Writes the report into a folder; `from` is where each section's pictures lie now. Those of up to `within_bytes` go into the page.
 ///
 /// # Errors
 /// A file that cannot be read or written.
-pub fn write(report: &Report, from: &[Option<PathBuf>], to: &Path) -> Result<()> {
+pub fn write(report: &Report, from: &[Option<PathBuf>], to: &Path, within_bytes: usize) -> Result<()> {
     for folder in [PICTURES, "plots"].map(|name| to.join(name)) {
         std::fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
     }
@@ -34,7 +34,7 @@ pub fn write(report: &Report, from: &[Option<PathBuf>], to: &Path) -> Result<()>
         }
     }
     let place = |picture: &Picture| match within.get(&picture.file) {
-        Some(bytes) if bytes.len() <= WITHIN => PictureBytes::Within(bytes.clone()),
+        Some(bytes) if bytes.len() <= within_bytes => PictureBytes::Within(bytes.clone()),
         Some(_) => PictureBytes::Beside,
         None => PictureBytes::Missing,
     };
