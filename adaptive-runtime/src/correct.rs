@@ -12,9 +12,9 @@ use crate::kernels::{Carry, Settle, Sound, Turn, run};
 use crate::look::{Look, Nearest, Particles, Sight};
 use crate::offset::{N_FIXED, Return, farthest, fastest};
 use crate::params::{Correction, RuntimeParams};
-use crate::planes::{dot, hold_at_planes, keep_lengths, less, plane_gap, point_at, scaled};
+use crate::planes::{dot, hold_at_planes, keep_lengths_at_planes, less, plane_gap, point_at, scaled};
 use crate::response::Response;
-use crate::solid_in_head::{SolidInHead, particle};
+use crate::solid_in_head::{Frame, SolidInHead, particle};
 use crate::strands::{Fade, GROUP, MAX_TOUCHES, Slot, Touch, Wake, bring_up, largest};
 use arrayvec::ArrayVec;
 use multiversion::multiversion;
@@ -74,11 +74,14 @@ pub(crate) struct Moving {
     skin: Vec<f32>,
     pub old_skin: Vec<f32>,
     /// Skinned strand within the step.
-    now: Vec<f32>,
-    /// Where the strand is, offset included.
+    pub now: Vec<f32>,
+    /// Where the strand is, offset included, and where it was before its lengths were put right.
     pub x: Vec<f32>,
+    pub before: Vec<f32>,
     pub offset: Vec<f32>,
     velocity: Vec<f32>,
+    /// Places where it was held off solids in this substep.
+    held: ArrayVec<Touch, MAX_TOUCHES>,
     /// Whether the offset or its velocity may be other than zero.
     carries: bool,
     /// Whether a solid has moved it in this step.
@@ -105,8 +108,8 @@ impl Work {
             self.clear.resize(n, 0.0);
         }
         for strand in &mut self.strands[..n] {
-            let Moving { skin, old_skin, now, x, offset, velocity, .. } = strand;
-            for buffer in [skin, old_skin, now, x, offset, velocity] {
+            let Moving { skin, old_skin, now, x, before, offset, velocity, .. } = strand;
+            for buffer in [skin, old_skin, now, x, before, offset, velocity] {
                 buffer.resize(3 * pad, 0.0);
             }
         }
@@ -245,6 +248,8 @@ pub(crate) fn correct(
     let response = &around.responses[substeps - 1];
     for substep in 1..=substeps {
         let alpha = substep as f32 / substeps as f32;
+        let frames: ArrayVec<Frame, MAX_SOLIDS> =
+            around.solids.iter().map(|solid| solid.at(f64::from(alpha))).collect();
         for (w, &k) in work.strands.iter_mut().zip(awake) {
             let slot = &mut members.slots[usize::from(k)];
             if substep == substeps {
@@ -259,27 +264,29 @@ pub(crate) fn correct(
             } else {
                 run(Carry { skin: &w.now, offset: &w.offset, velocity: &w.velocity, back, x: &mut w.x });
             }
+            let (strand, touches) = (slot.strand as usize, &mut slot.touches[..usize::from(slot.n_touches)]);
             // Over parts of a step what slides is not known well enough to be slowed.
-            let friction = (substeps == 1).then_some(skins);
-            if hold_at_planes(around, response, slot, alpha, friction, w) {
-                let rest = skins.rest_of(slot.strand as usize);
-                keep_lengths(&w.now, rest, &mut w.x, &mut w.offset, pad, around.n);
+            let friction = (substeps == 1).then_some((skins, strand));
+            if hold_at_planes(around, response, touches, &frames, friction, w) {
+                keep_lengths_at_planes(around, touches, &frames, skins.rest_of(strand), w);
                 w.pushed = true;
             }
+            w.held.clear();
+            w.held.extend(touches.iter().copied());
         }
         let most = params.guides.contact.max_push_speed as f32 * h as f32 + travel.last / substeps as f32;
         let mut which = all(awake.len());
         for look_number in 1..=LOOKS {
-            look(around, members.slots, awake, &which, alpha, reach, work);
+            look(around, members.slots, awake, &which, &frames, reach, work);
             which.retain(|i| {
                 let (w, slot) =
                     (&mut work.strands[usize::from(*i)], &mut members.slots[usize::from(awake[usize::from(*i)])]);
-                let moved = move_out(around, response, slot, alpha, most, w);
+                let moved = move_out(around, response, slot, &frames, most, w);
                 w.pushed |= moved > 0.0;
                 let again = moved > LOOK_AGAIN_CM && look_number < LOOKS;
                 if again {
-                    let rest = skins.rest_of(slot.strand as usize);
-                    keep_lengths(&w.now, rest, &mut w.x, &mut w.offset, pad, around.n);
+                    let mut held = w.held.clone();
+                    keep_lengths_at_planes(around, &mut held, &frames, skins.rest_of(slot.strand as usize), w);
                 }
                 again
             });
@@ -415,7 +422,7 @@ fn look(
     slots: &mut [Slot],
     awake: &[u8],
     which: &[u8],
-    alpha: f32,
+    frames: &[Frame],
     reach: f32,
     work: &mut Work,
 ) {
@@ -430,9 +437,9 @@ fn look(
     let (longest, clear) = (&longest[..which.len()], &mut clear[..which.len()]);
     let spacing = around.params.guides.contact.spacing_over_half_thickness as f32;
     for (number, solid) in around.solids.iter().enumerate() {
-        let frame = solid.at(f64::from(alpha));
+        let frame = &frames[number];
         for (&i, out) in which.iter().zip(in_solid.chunks_exact_mut(3 * pad)) {
-            run(Turn { frame: &frame, x: &strands[usize::from(i)].x, out });
+            run(Turn { frame, x: &strands[usize::from(i)].x, out });
         }
         let sight = Sight {
             field: &solid.solid.sdf,
@@ -474,14 +481,14 @@ fn move_out(
     around: &Surroundings,
     response: &Response,
     slot: &mut Slot,
-    alpha: f32,
+    frames: &[Frame],
     most: f32,
     work: &mut Moving,
 ) -> f32 {
     let pad = around.pad;
     let mut farthest = 0.0f32;
     for touch in &mut slot.touches[..usize::from(slot.n_touches)] {
-        let frame = around.solids[usize::from(touch.solid)].at(f64::from(alpha));
+        let frame = &frames[usize::from(touch.solid)];
         let (j, s) = (usize::from(touch.segment), touch.s);
         // Earlier pushes may have moved it out already.
         let gap = plane_gap(touch, frame.point(point_at(&work.x, pad, j, s)));

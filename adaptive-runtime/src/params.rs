@@ -137,7 +137,8 @@ pub enum Correction {
 pub struct ResidualParams {
     /// How strands near solids are corrected.
     pub correction: Correction,
-    /// Rate at which an offset that nothing holds returns, damped critically, 1/s.
+    /// Rate at which an offset that nothing holds returns if hair is straight, damped critically, 1/s; that of stiffer hair is larger by the root of its
+    /// bending stiffness.
     pub return_rate: f64,
     /// Most substeps a step is divided into for a strand near a moving solid.
     pub max_substeps: usize,

@@ -9,7 +9,7 @@ use crate::interpolate::MAX_PARTICLES;
 use crate::offset::N_FIXED;
 use crate::response::Response;
 use crate::solid_in_head::{Frame, SolidInHead, particle};
-use crate::strands::{Slot, Touch};
+use crate::strands::Touch;
 use multiversion::multiversion;
 
 /// Squares of the least and largest share of its rest length that a skinned segment may have and keep.
@@ -18,6 +18,19 @@ const MOST_LENGTH2: f32 = 1.05 * 1.05;
 
 /// Sweeps over the touches: those close together answer each other.
 const SWEEPS: usize = 2;
+
+/// Multiple of a solid's least half-thickness behind its plane from which lengths put right count as having passed it: what is less deep
+/// is let out by the next look.
+const PASSES_OVER_HALF_THICKNESS: f32 = 0.5;
+
+/// Rounds over lengths and planes together, and what they leave: how far behind a plane (cm, less than the distance kept), how far off its
+/// length (a share).
+const ROUNDS: usize = 20;
+const BEHIND_CM: f32 = 0.01;
+const LENGTH_OFF: f32 = 0.02;
+
+/// Least yield of a point of a segment beside the scalp.
+const LEAST_YIELD: f32 = 0.1;
 
 #[inline(always)]
 pub(crate) fn point_at(x: &[f32], pad: usize, segment: usize, s: f32) -> [f32; 3] {
@@ -75,39 +88,34 @@ fn gap_where_it_passes(touch: &mut Touch, frame: &Frame, x: &[f32], pad: usize, 
 }
 
 /// Keeps the strand on its side of the plane of every touch, where it passes, and no deeper behind one than it was; returns whether it
-/// had to.
+/// had to. The way that takes it counts as velocity. `frames` turn the head's frame into each solid's now; `friction` is of this strand
+/// as it is skinned.
 pub(crate) fn hold_at_planes(
     around: &Surroundings,
     response: &Response,
-    slot: &mut Slot,
-    alpha: f32,
-    friction: Option<&Skins>,
+    touches: &mut [Touch],
+    frames: &[Frame],
+    friction: Option<(&Skins, usize)>,
     work: &mut Moving,
 ) -> bool {
     let (pad, n) = (around.pad, around.n);
     let (mut pushed, mut start_known) = (false, false);
     for sweep in 0..SWEEPS {
         let mut again = false;
-        for touch in &mut slot.touches[..usize::from(slot.n_touches)] {
-            let solid = &around.solids[usize::from(touch.solid)];
-            let turned;
-            let frame = if alpha >= 1.0 {
-                &solid.at_end
-            } else {
-                turned = solid.at(f64::from(alpha));
-                &turned
-            };
+        for touch in &mut *touches {
+            let frame = &frames[usize::from(touch.solid)];
             let gap = gap_where_it_passes(touch, frame, &work.x, pad, n);
             if gap >= 0.0 {
                 continue;
             }
             let at = (usize::from(touch.segment), touch.s);
             let mut by = frame.vector_back(scaled(touch.normal, -gap));
-            if let Some(skins) = friction.filter(|_| sweep == 0) {
+            if let Some((skins, strand)) = friction.filter(|_| sweep == 0) {
                 if !start_known {
-                    skins.at_start(slot.strand as usize, &mut work.old_skin);
+                    skins.at_start(strand, &mut work.old_skin);
                     start_known = true;
                 }
+                let solid = &around.solids[usize::from(touch.solid)];
                 by = less(by, slowed_by_friction(pad, solid, at, -gap, work));
             }
             response.push_at(at.0, at.1, by, &mut work.x);
@@ -174,10 +182,101 @@ pub(crate) fn hold_where_shown(
     pushed
 }
 
-/// Gives every segment the length that it has on the skinned strand, or nearly that at rest, directions kept; the offset at the start goes
-/// with it, so that nothing of that counts as velocity.
+/// Gives segments their lengths and leaves the strand on its side of the planes of `touches`; the offset at the start goes with it, so that
+/// nothing of that counts as velocity.
+///
+/// Lengths are put right from the root on, which moves all that hangs below. Where that takes the strand past a solid, as it does with curls
+/// that a comb draws straight, both are solved for together instead.
+pub(crate) fn keep_lengths_at_planes(
+    around: &Surroundings,
+    touches: &mut [Touch],
+    frames: &[Frame],
+    rest: &[f32],
+    work: &mut Moving,
+) {
+    let (pad, n) = (around.pad, around.n);
+    let Moving { now, x, offset, before, .. } = work;
+    before.copy_from_slice(x);
+    keep_lengths(now, rest, x, pad, n);
+    let passes = touches.iter().any(|touch| {
+        let solid = usize::from(touch.solid);
+        let deep = PASSES_OVER_HALF_THICKNESS * around.solids[solid].solid.half_thickness_cm;
+        gap_where_it_passes(&mut touch.clone(), &frames[solid], x, pad, n) < -deep
+    });
+    if passes {
+        x.copy_from_slice(before);
+        lengths_and_planes(touches, frames, now, rest, x, pad, n);
+    }
+    for ((d, x), before) in offset.iter_mut().zip(&*x).zip(&*before) {
+        *d += x - before;
+    }
+}
+
+/// Lengths and planes together by position-based dynamics (Müller et al. 2007): each moves only the two particles beside it, all equally
+/// heavy but those in the scalp.
+fn lengths_and_planes(
+    touches: &mut [Touch],
+    frames: &[Frame],
+    skin: &[f32],
+    rest: &[f32],
+    x: &mut [f32],
+    pad: usize,
+    n: usize,
+) {
+    let mut wanted = [0.0f32; MAX_PARTICLES];
+    for i in N_FIXED - 1..n - 1 {
+        wanted[i] = wanted_length2(segment_length2(skin, pad, i), segment_length2(rest, pad, i)).sqrt();
+    }
+    let free = |i: usize| if i < N_FIXED { 0.0 } else { 1.0 };
+    for _ in 0..ROUNDS {
+        let (mut off, mut held) = (0.0f32, false);
+        for i in N_FIXED - 1..n - 1 {
+            let along = less(particle(x, pad, i + 1), particle(x, pad, i));
+            let length = dot(along, along).sqrt().max(1e-6);
+            let excess = length - wanted[i];
+            off = off.max(excess.abs() - LENGTH_OFF * wanted[i]);
+            let by = scaled(along, excess / (length * (free(i) + 1.0)));
+            for c in 0..3 {
+                x[c * pad + i] += free(i) * by[c];
+                x[c * pad + i + 1] -= by[c];
+            }
+        }
+        for touch in &mut *touches {
+            let frame = &frames[usize::from(touch.solid)];
+            let gap = gap_where_it_passes(touch, frame, x, pad, n);
+            if gap >= -BEHIND_CM {
+                continue;
+            }
+            held = true;
+            let (j, s) = (usize::from(touch.segment), touch.s);
+            let shares = [(1.0 - s) * free(j), s];
+            let yields = (1.0 - s) * shares[0] + s * shares[1];
+            let by = frame.vector_back(scaled(touch.normal, -gap / yields.max(LEAST_YIELD)));
+            for c in 0..3 {
+                x[c * pad + j] += shares[0] * by[c];
+                x[c * pad + j + 1] += shares[1] * by[c];
+            }
+        }
+        if !held && off < 0.0 {
+            break;
+        }
+    }
+}
+
+fn segment_length2(x: &[f32], pad: usize, i: usize) -> f32 {
+    let along = less(particle(x, pad, i + 1), particle(x, pad, i));
+    dot(along, along)
+}
+
+/// Square of the length that a segment should have: that which it has on the skinned strand, or nearly that at rest.
+#[inline(always)]
+fn wanted_length2(skinned2: f32, at_rest2: f32) -> f32 {
+    skinned2.max(at_rest2 * LEAST_LENGTH2).min(at_rest2 * MOST_LENGTH2)
+}
+
+/// Gives every segment the length that it has on the skinned strand, or nearly that at rest, directions kept.
 #[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
-pub(crate) fn keep_lengths(skin: &[f32], rest: &[f32], x: &mut [f32], offset: &mut [f32], pad: usize, n: usize) {
+pub(crate) fn keep_lengths(skin: &[f32], rest: &[f32], x: &mut [f32], pad: usize, n: usize) {
     let mut now = [0.0f32; MAX_PARTICLES];
     let mut wanted = [0.0f32; MAX_PARTICLES];
     let mut at_rest = [0.0f32; MAX_PARTICLES];
@@ -191,18 +290,16 @@ pub(crate) fn keep_lengths(skin: &[f32], rest: &[f32], x: &mut [f32], offset: &m
     }
     let mut scale = [1.0f32; MAX_PARTICLES];
     for i in 0..n - 1 {
-        let length2 = wanted[i].max(at_rest[i] * LEAST_LENGTH2).min(at_rest[i] * MOST_LENGTH2);
-        scale[i] = (length2 / now[i].max(1e-12)).sqrt();
+        scale[i] = (wanted_length2(wanted[i], at_rest[i]) / now[i].max(1e-12)).sqrt();
     }
     for c in 0..3 {
-        let (x, offset) = (&mut x[c * pad..(c + 1) * pad], &mut offset[c * pad..(c + 1) * pad]);
+        let x = &mut x[c * pad..(c + 1) * pad];
         let mut before = x[N_FIXED - 1];
         let mut at = before;
         for i in N_FIXED..n {
             let along = x[i] - before;
             before = x[i];
             at += along * scale[i - 1];
-            offset[i] += at - x[i];
             x[i] = at;
         }
     }
@@ -236,26 +333,56 @@ mod tests {
     }
 
     #[test]
-    fn lengths_are_kept_and_that_gives_no_velocity() {
-        /// Lengths and differences of positions of up to 25 cm in single precision.
+    fn lengths_are_kept_whatever_they_were() {
+        /// Lengths of up to 25 cm in single precision.
         const ROUND_OFF_CM: f32 = 2e-5;
         let (skin, mut x) = (strand(0.02), strand(-0.05));
         // Stretched as free flight and pushes leave it.
         for (k, v) in x.iter_mut().enumerate() {
             *v *= 1.0 + 0.05 * ((k % 5) as f32);
         }
-        let mut offset: Vec<f32> = (0..3 * PAD).map(|k| 0.1 * (k as f32).sin()).collect();
-        let moved: Vec<f32> = x.iter().zip(&offset).map(|(x, d)| x - d).collect();
         assert!(lengths(&x).iter().any(|l| (l - 1.0).abs() > 0.1));
-        keep_lengths(&skin, &skin, &mut x, &mut offset, PAD, N);
+        keep_lengths(&skin, &skin, &mut x, PAD, N);
         for (now, wanted) in lengths(&x).iter().zip(lengths(&skin)) {
             assert!((now - wanted).abs() < ROUND_OFF_CM, "{now} {wanted}");
         }
-        for ((x, d), before) in x.iter().zip(&offset).zip(&moved) {
-            assert!(
-                (x - d - before).abs() < ROUND_OFF_CM,
-                "velocity is what the strand has moved from its offset at the start"
-            );
+    }
+
+    /// A coil about the y axis, a centimetre a segment, at rest.
+    fn coil(radius: f32) -> Vec<f32> {
+        let turn = 1.0;
+        let rise = (1.0 - (2.0 * radius * (0.5f32 * turn).sin()).powi(2)).sqrt();
+        let mut x = vec![0.0; 3 * PAD];
+        for i in 0..PAD {
+            let angle = turn * i as f32;
+            x[i] = radius * angle.cos();
+            x[PAD + i] = -rise * i as f32;
+            x[2 * PAD + i] = radius * angle.sin();
+        }
+        x
+    }
+
+    #[test]
+    fn a_coil_drawn_by_planes_keeps_lengths_and_planes_together() {
+        let frames = [Frame::new(&Isometry3::identity())];
+        let skin = coil(0.7);
+        for pull in [0.1, 0.3, 0.6, 0.9] {
+            // Planes that face down, as below a comb's teeth drawn down by that much.
+            let touch = |segment: u16| {
+                let [a, b, c] = point_at(&skin, PAD, usize::from(segment), 0.4);
+                Touch { solid: 0, segment, s: 0.4, gap: 0.0, point: [a, b - pull, c], normal: [0.0, -1.0, 0.0] }
+            };
+            let mut touches = [touch(8), touch(15)];
+            let mut x = skin.clone();
+            lengths_and_planes(&mut touches, &frames, &skin, &skin, &mut x, PAD, N);
+            for touch in &touches {
+                let at = point_at(&x, PAD, usize::from(touch.segment), touch.s);
+                assert!(plane_gap(touch, at) > -0.02, "{pull}: {}", plane_gap(touch, at));
+            }
+            for l in lengths(&x) {
+                assert!((l - 1.0).abs() < 0.1, "{pull}: {l}");
+            }
+            assert_eq!(x[..N_FIXED], skin[..N_FIXED], "the scalp holds the root");
         }
     }
 

@@ -102,8 +102,8 @@ impl Unmet<'_> {
         out: &mut [[f32; 3]],
     ) {
         let (n, pad) = (strands.n_particles, strands.pad);
-        let (mut x, mut offset) = ([0.0f32; 3 * MAX_PARTICLES], [0.0f32; 3 * MAX_PARTICLES]);
-        let (x, offset) = (&mut x[..3 * pad], &mut offset[..3 * pad]);
+        let mut x = [0.0f32; 3 * MAX_PARTICLES];
+        let x = &mut x[..3 * pad];
         match carried {
             Some((carried, back)) => {
                 let (offset, velocity) = carried.split_at(3 * pad);
@@ -114,7 +114,7 @@ impl Unmet<'_> {
         let slot = &strands.slots[at];
         let mut touches = slot.touches;
         if hold_where_shown(&mut touches[..usize::from(slot.n_touches)], &self.frames, self.response, x, pad, n) {
-            keep_lengths(skin, rest, x, offset, pad, n);
+            keep_lengths(skin, rest, x, pad, n);
         }
         for (i, out) in out.iter_mut().enumerate() {
             let p = particle(x, pad, i);

@@ -17,6 +17,12 @@ const BENDING_PER_SPRING: f64 = 0.07;
 /// Least yield of a pushed point as a share of that of the particles beside it.
 const LEAST_YIELD: f32 = 0.6;
 
+/// Rate at which offsets of hair of this material return, given that of straight hair, 1/s: a spring of the same mass swings faster by the root of
+/// its stiffness, and bending is what draws a curl back to its guides.
+pub(crate) fn return_rate(of_straight: f64, material: &Material) -> f64 {
+    of_straight * (material.bend_dyn / Material::straight().bend_dyn).max(0.0).sqrt()
+}
+
 /// What strands are made of, as far as their offsets feel it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Elasticity<'a> {

@@ -11,7 +11,7 @@ use crate::interpolate::{MAX_PARTICLES, Travelled, padded};
 use crate::offset::N_FIXED;
 use crate::params::{RuntimeParams, WeightRule};
 use crate::past::{Past, Pasts};
-use crate::response::Response;
+use crate::response::{Response, return_rate};
 use crate::strands::{Strands, order};
 use crate::two_way::{ContactPoint, TwoWay};
 use collision::Solid;
@@ -108,7 +108,7 @@ impl Runtime {
     /// A model that breaks an invariant, a guide that cannot be simulated, a parameter out of range, or a pose missing.
     pub fn new(
         model: SkinningModel,
-        params: RuntimeParams,
+        mut params: RuntimeParams,
         world_from_head: Isometry3<f64>,
         head: Option<Solid>,
         solids: Vec<Solid>,
@@ -137,6 +137,7 @@ impl Runtime {
         let positions: Vec<[f32; 3]> =
             (0..n_strands).flat_map(|s| model.rest_of(s)).map(|&p| to_world(&world_from_head, p)).collect();
         let material = material_of(&model.material);
+        params.residual.return_rate = return_rate(params.residual.return_rate, &material);
         let hair_hair = if params.hair_hair.enabled {
             let rest: Vec<[f32; 3]> = (0..n_strands).flat_map(|s| model.rest_of(s).iter().copied()).collect();
             Some(HairHair::new(&rest, n, N_FIXED, head.as_ref(), params.hair_hair)?)

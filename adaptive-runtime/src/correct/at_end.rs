@@ -1,12 +1,13 @@
 //! What residual correction is compared with: the force of AS16 §5.1 alone, and particles moved out one by one (Chai 2014).
 
-use super::{Hold, Members, Outcome, Surroundings, Travel, Work, all, look};
+use super::{Hold, MAX_SOLIDS, Members, Outcome, Surroundings, Travel, Work, all, look};
 use crate::kernels::{Carry, run};
 use crate::offset::{N_FIXED, Return};
 use crate::params::Correction;
 use crate::planes::{plane_gap, point_at, scaled};
-use crate::solid_in_head::particle;
+use crate::solid_in_head::{Frame, particle};
 use crate::strands::{Fade, Wake};
+use arrayvec::ArrayVec;
 use nalgebra::Vector3;
 
 /// What is compared with: nothing but the force that AS16 §5.1 puts on a strand in a solid, or its particles moved out
@@ -26,7 +27,8 @@ pub(super) fn correct_at_end(
     for w in &mut work.strands[..awake.len()] {
         run(Carry { skin: &w.skin, offset: &w.offset, velocity: &w.velocity, back, x: &mut w.x });
     }
-    look(around, members.slots, awake, &all(awake.len()), 1.0, reach, work);
+    let frames: ArrayVec<Frame, MAX_SOLIDS> = around.solids.iter().map(|solid| solid.at_end).collect();
+    look(around, members.slots, awake, &all(awake.len()), &frames, reach, work);
     let gap_kept = around.params.guides.contact.offset_cm as f32;
     for ((w, &clear), &k) in work.strands.iter_mut().zip(&work.clear).zip(awake) {
         let k = usize::from(k);
