@@ -1,6 +1,6 @@
 //! Skinning of one strand (AS16 Eq. 5, 6), lanes along the strand; the arithmetic is in [`kernels`].
 //!
-//! All particles of a hair share one guide set, so nothing is gathered: a guide's transforms are twelve arrays over
+//! All particles of a hair share one guide set, so nothing is gathered: a guide's transforms are three or twelve arrays over
 //! particle index, the quadratic weight is evaluated in the lane. Transforms are kept as what they add to the identity, so
 //! a hair at rest is reproduced exactly.
 
@@ -13,11 +13,13 @@ use io_formats::skinning_model::{MAX_ELIGIBLE, WeightPoly};
 /// Most particles of a strand, padding included.
 pub(crate) const MAX_PARTICLES: usize = 64;
 
-/// Arrays of a rigid transform: nine of `linear`, three of `offset`.
-pub(crate) const ARRAYS: usize = 12;
+/// Arrays of a transform: three of `offset`, and nine of `linear` if it turns.
+pub(crate) const fn arrays(turning: bool) -> usize {
+    if turning { 12 } else { LINEAR }
+}
 
-/// First array of the translation.
-const TRANSLATION: usize = 9;
+/// First array of the turn.
+pub(crate) const LINEAR: usize = 3;
 
 /// Particle count padded to whole vectors.
 pub(crate) fn padded(n_particles: usize) -> usize {
@@ -40,12 +42,12 @@ impl Travelled {
     }
 }
 
-/// Current transforms of all guides: guide-major, then by [`LANES`] particles, then [`ARRAYS`] rows of that many values, so that what
+/// Current transforms of all guides: guide-major, then by [`LANES`] particles, then [`arrays`] rows of that many values, so that what
 /// eight particles need of a guide lies in one piece; padding repeats the tip.
 #[derive(Clone, Debug)]
 pub(crate) struct TransformArrays {
     pub pad: usize,
-    /// Whether any transform turns; if not, the nine arrays of `linear` are zero and left out of the blend.
+    /// Whether any transform turns; if not, there are no arrays of `linear`.
     pub turning: bool,
     values: Vec<f32>,
 }
@@ -53,7 +55,8 @@ pub(crate) struct TransformArrays {
 impl TransformArrays {
     pub(crate) fn new(n_guides: usize, n_particles: usize, blend: Blend) -> Self {
         let pad = padded(n_particles);
-        Self { pad, turning: blend == Blend::Rigid, values: vec![0.0; n_guides * ARRAYS * pad] }
+        let turning = blend == Blend::Rigid;
+        Self { pad, turning, values: vec![0.0; n_guides * arrays(turning) * pad] }
     }
 
     /// All values, guide-major.
@@ -64,7 +67,7 @@ impl TransformArrays {
     /// Where value `array` of a guide's particle is.
     fn index(&self, guide: usize, array: usize, particle: usize) -> usize {
         let block = guide * (self.pad / LANES) + particle / LANES;
-        (block * ARRAYS + array) * LANES + particle % LANES
+        (block * arrays(self.turning) + array) * LANES + particle % LANES
     }
 
     /// Takes over another head's transforms of the same size.
@@ -96,15 +99,17 @@ impl TransformArrays {
     fn place(&self, guide: usize, particle: usize, rest: [f32; 3]) -> [f32; 3] {
         let value = |array: usize| self.values[self.index(guide, array, particle)];
         std::array::from_fn(|row| {
-            let linear: f32 = (0..3).map(|col| value(3 * row + col) * rest[col]).sum();
-            rest[row] + linear + value(TRANSLATION + row)
+            let turned = |col: usize| if self.turning { value(LINEAR + 3 * row + col) * rest[col] } else { 0.0 };
+            rest[row] + (turned(0) + turned(1) + turned(2)) + value(row)
         })
     }
 
     /// Column of the rotation of a guide's transform.
     fn column(&self, guide: usize, particle: usize, col: usize) -> [f32; 3] {
         std::array::from_fn(|row| {
-            self.values[self.index(guide, 3 * row + col, particle)] + if row == col { 1.0 } else { 0.0 }
+            let turn =
+                if self.turning { self.values[self.index(guide, LINEAR + 3 * row + col, particle)] } else { 0.0 };
+            turn + if row == col { 1.0 } else { 0.0 }
         })
     }
 
@@ -113,7 +118,7 @@ impl TransformArrays {
         for i in 0..self.pad {
             let from = i.min(rest.len() - 1);
             for c in 0..3 {
-                let at = self.index(guide, TRANSLATION + c, i);
+                let at = self.index(guide, c, i);
                 self.values[at] = current[from][c] - rest[from][c];
             }
         }
@@ -123,12 +128,12 @@ impl TransformArrays {
         for i in 0..self.pad {
             let t = &transforms[i.min(transforms.len() - 1)];
             for row in 0..3 {
-                for col in 0..3 {
-                    let at = self.index(guide, 3 * row + col, i);
+                let at = self.index(guide, row, i);
+                self.values[at] = t.offset[row];
+                for col in (0..3).filter(|_| self.turning) {
+                    let at = self.index(guide, LINEAR + 3 * row + col, i);
                     self.values[at] = t.linear[row][col];
                 }
-                let at = self.index(guide, TRANSLATION + row, i);
-                self.values[at] = t.offset[row];
             }
         }
     }

@@ -3,9 +3,10 @@
 //! A strand is three arrays of `pad` values, a multiple of [`LANES`]. Each kernel is the plain loop that its comment states, in the order of the particles;
 //! instructions are chosen when the program runs.
 
-use crate::interpolate::{ARRAYS, ActiveSet, MAX_PARTICLES, TransformArrays};
+use crate::interpolate::{ActiveSet, LINEAR, MAX_PARTICLES, TransformArrays, arrays};
 use crate::offset::Return;
 use crate::solid_in_head::Frame;
+use io_formats::skinning_model::WeightPoly;
 use pulp::{Arch, Simd, WithSimd};
 
 /// Particle counts are padded to a multiple of this: no machine's vectors are wider here.
@@ -59,45 +60,78 @@ fn blend<S: Simd, const TURNING: bool>(
     transforms: &TransformArrays,
     out: &mut [f32],
 ) {
-    // Vectors to a block of transforms: one where the machine's are as long as the blocks.
-    let split = LANES / S::F32_LANES;
     let k = transforms.pad / S::F32_LANES;
-    let [x, y, z] = thirds(&vectors::<S>(rest)[..3 * k]);
-    let [out_x, out_y, out_z] = thirds_mut(&mut vectors_mut::<S>(out)[..3 * k]);
-    let (blocks, n_blocks) = (vectors::<S>(transforms.all()), transforms.pad / LANES);
-    let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
     let n = usize::from(set.n).min(set.guides.len());
-    let (guides, weights) = (&set.guides[..n], &set.weights[..n]);
-    let lanes = x.iter().zip(y).zip(z).zip(&vectors::<S>(u)[..k]);
-    let out = out_x.iter_mut().zip(out_y).zip(out_z);
-    for (i, ((((x, y), z), u), ((out_x, out_y), out_z))) in lanes.zip(out).enumerate() {
-        let (mut sum, mut mx, mut my, mut mz) = (zero, zero, zero, zero);
-        for (guide, poly) in guides.iter().zip(weights) {
+    let led = Led::<S> {
+        guides: &set.guides[..n],
+        weights: &set.weights[..n],
+        blocks: vectors::<S>(transforms.all()),
+        n_blocks: transforms.pad / LANES,
+        u: &vectors::<S>(u)[..k],
+        rest: thirds(&vectors::<S>(rest)[..3 * k]),
+    };
+    let mut out = thirds_mut(&mut vectors_mut::<S>(out)[..3 * k]);
+    // Two vectors at a time: what is the same for all particles is fetched half as often.
+    let mut i = 0;
+    while i + 2 <= k {
+        led.blend::<TURNING, 2>(simd, i, &mut out);
+        i += 2;
+    }
+    if i < k {
+        led.blend::<TURNING, 1>(simd, i, &mut out);
+    }
+}
+
+/// A strand and what it follows, in vectors.
+struct Led<'a, S: Simd> {
+    guides: &'a [u16],
+    weights: &'a [WeightPoly],
+    blocks: &'a [S::f32s],
+    n_blocks: usize,
+    u: &'a [S::f32s],
+    rest: [&'a [S::f32s]; 3],
+}
+
+impl<S: Simd> Led<'_, S> {
+    /// Vectors `first` and on, `N` of them.
+    #[inline(always)]
+    fn blend<const TURNING: bool, const N: usize>(&self, simd: S, first: usize, out: &mut [&mut [S::f32s]; 3]) {
+        // Vectors to a block of transforms: one where the machine's are as long as the blocks.
+        let split = LANES / S::F32_LANES;
+        let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
+        let u = &self.u[first..first + N];
+        let rest = self.rest.map(|x| &x[first..first + N]);
+        let (mut sum, mut moved) = ([zero; N], [[zero; N]; 3]);
+        for (guide, poly) in self.guides.iter().zip(self.weights) {
             let (quad, lin, con) = (simd.splat_f32s(poly.quad), simd.splat_f32s(poly.lin), simd.splat_f32s(poly.con));
-            let w = simd.mul_add_f32s(simd.mul_add_f32s(quad, *u, lin), *u, con);
-            let w = simd.max_f32s(w, zero);
-            sum = simd.add_f32s(sum, w);
-            let block = (usize::from(*guide) * n_blocks + i / split) * ARRAYS * split;
-            let block = &blocks[block..block + ARRAYS * split];
-            let row = |array: usize| block[array * split + i % split];
-            let (mut tx, mut ty, mut tz) = (row(9), row(10), row(11));
-            if TURNING {
-                let turned = |first: usize, shift| {
-                    let z = simd.mul_add_f32s(row(first + 2), *z, shift);
-                    simd.mul_add_f32s(row(first), *x, simd.mul_add_f32s(row(first + 1), *y, z))
-                };
-                (tx, ty, tz) = (turned(0, tx), turned(3, ty), turned(6, tz));
+            let base = usize::from(*guide) * self.n_blocks;
+            for v in 0..N {
+                let i = first + v;
+                let block = (base + i / split) * arrays(TURNING) * split;
+                let block = &self.blocks[block..block + arrays(TURNING) * split];
+                let row = |array: usize| block[array * split + i % split];
+                let w = simd.mul_add_f32s(simd.mul_add_f32s(quad, u[v], lin), u[v], con);
+                let w = simd.max_f32s(w, zero);
+                sum[v] = simd.add_f32s(sum[v], w);
+                for c in 0..3 {
+                    let mut by = row(c);
+                    if TURNING {
+                        let of = |col: usize| row(LINEAR + 3 * c + col);
+                        let z = simd.mul_add_f32s(of(2), rest[2][v], by);
+                        by = simd.mul_add_f32s(of(0), rest[0][v], simd.mul_add_f32s(of(1), rest[1][v], z));
+                    }
+                    moved[c][v] = simd.mul_add_f32s(w, by, moved[c][v]);
+                }
             }
-            mx = simd.mul_add_f32s(w, tx, mx);
-            my = simd.mul_add_f32s(w, ty, my);
-            mz = simd.mul_add_f32s(w, tz, mz);
         }
-        // Without a weight the strand stays at rest.
-        let weighs = simd.greater_than_f32s(sum, zero);
-        let scale = simd.select_f32s(weighs, simd.div_f32s(one, sum), zero);
-        *out_x = simd.mul_add_f32s(mx, scale, *x);
-        *out_y = simd.mul_add_f32s(my, scale, *y);
-        *out_z = simd.mul_add_f32s(mz, scale, *z);
+        for v in 0..N {
+            // Without a weight the strand stays at rest.
+            let weighs = simd.greater_than_f32s(sum[v], zero);
+            let scale = simd.select_f32s(weighs, simd.div_f32s(one, sum[v]), zero);
+            for c in 0..3 {
+                out[c][first + v] = simd.mul_add_f32s(moved[c][v], scale, rest[c][v]);
+            }
+        }
     }
 }
 
@@ -151,16 +185,13 @@ impl WithSimd for Points<'_> {
         let (x, rest) = out.split_at(pad);
         let (y, z) = rest.split_at(pad);
         let n_values = self.points.len();
-        let mut blocks = self.points.chunks_exact_mut(3 * LANES);
+        let mut blocks = self.points.chunks_exact_mut(3 * FOUR);
         for (i, block) in blocks.by_ref().enumerate() {
-            // Written out whole, so that it becomes shuffles and whole stores.
-            let [x, y, z]: [[f32; LANES]; 3] = [lanes(x, i), lanes(y, i), lanes(z, i)];
-            let points: [f32; 3 * LANES] = std::array::from_fn(|k| match k % 3 {
-                0 => x[k / 3],
-                1 => y[k / 3],
-                _ => z[k / 3],
-            });
-            block.copy_from_slice(&points);
+            // Written out in fours, so that each becomes a few shuffles and a store.
+            let [x, y, z]: [[f32; FOUR]; 3] = [four(x, i), four(y, i), four(z, i)];
+            block[..FOUR].copy_from_slice(&[x[0], y[0], z[0], x[1]]);
+            block[FOUR..2 * FOUR].copy_from_slice(&[y[1], z[1], x[2], y[2]]);
+            block[2 * FOUR..].copy_from_slice(&[z[2], x[3], y[3], z[3]]);
         }
         let rest = blocks.into_remainder();
         let first = (n_values - rest.len()) / 3;
@@ -170,10 +201,12 @@ impl WithSimd for Points<'_> {
     }
 }
 
-/// Values of one vector.
+/// Points written at once.
+const FOUR: usize = 4;
+
 #[inline(always)]
-fn lanes(values: &[f32], vector: usize) -> [f32; LANES] {
-    let from = &values[vector * LANES..(vector + 1) * LANES];
+fn four(values: &[f32], at: usize) -> [f32; FOUR] {
+    let from = &values[at * FOUR..(at + 1) * FOUR];
     std::array::from_fn(|l| from[l])
 }
 
