@@ -25,7 +25,7 @@ const PASSES_OVER_HALF_THICKNESS: f32 = 0.5;
 
 /// Rounds over lengths and planes together, and what they leave: how far behind a plane (cm, less than the distance kept), how far off its
 /// length (a share).
-const ROUNDS: usize = 20;
+const ROUNDS: usize = 10;
 const BEHIND_CM: f32 = 0.01;
 const LENGTH_OFF: f32 = 0.02;
 
