@@ -9,6 +9,7 @@ use crate::error::Error;
 use crate::world::World;
 use io_formats::scene::Scene;
 use io_formats::skinning_model::SkinningModel;
+use io_formats::stage_cache::StageCost;
 use serde::{Deserialize, Serialize};
 
 /// How large an experiment is run.
@@ -164,7 +165,12 @@ pub struct Trained {
     pub world: World,
     /// Its model.
     pub model: SkinningModel,
+    /// What every stage of training took when it was made, in order; hair is simulated in those of [`SIMULATED`].
+    pub training: Vec<(String, StageCost)>,
 }
+
+/// Stages of training that simulate every hair.
+pub const SIMULATED: [&str; 4] = ["settle", "frames", "validation frames", "held-out frames"];
 
 /// What is drawn in one picture.
 pub struct View<'a> {

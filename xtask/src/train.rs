@@ -182,7 +182,7 @@ fn step_seconds(prepared: &Prepared<'_>) -> Result<(Option<StepSeconds>, Option<
 }
 
 /// What every stage took when it was made.
-fn stage_costs(prepared: &Prepared<'_>) -> Vec<(String, StageCost)> {
+pub fn stage_costs(prepared: &Prepared<'_>) -> Vec<(String, StageCost)> {
     let workshop = &prepared.workshop;
     let recorder = workshop.recorder();
     let mut costs = Vec::new();

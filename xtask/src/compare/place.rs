@@ -5,6 +5,7 @@ use crate::painter::{Painter, camera, sized};
 use crate::pipeline::{load_scene, prepare};
 use crate::presets::Preset;
 use crate::progress::{Bar, Bars};
+use crate::train::stage_costs;
 use crate::workspace_root;
 use anyhow::{Context, Result};
 use hair_bench::Error;
@@ -162,7 +163,8 @@ impl Place for Workplace<'_> {
         }
         let name = scene.name.clone();
         let prepared = prepare(scene, &self.out, self.bars).map_err(in_place(format!("a model for {name}")))?;
-        Ok(Trained { world: prepared.workshop.world, model: prepared.model })
+        let training = stage_costs(&prepared);
+        Ok(Trained { world: prepared.workshop.world, model: prepared.model, training })
     }
 
     fn draw(&self, name: &str, caption: &str, row: &str, view: &View) -> Result<Picture, Error> {
