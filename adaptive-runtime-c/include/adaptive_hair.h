@@ -127,6 +127,8 @@ typedef struct AhReport {
     uint32_t n_stages;
     // Share of guide pairs that may be blended, 0 to 1.
     double connectivity;
+    // Deepest that a hair is left in a solid where it was looked at, cm; 0 for none.
+    double deepest_cm;
     // Wall time of each stage, s; their names are ah_stage_name(0) and so on.
     double stage_s[AH_MAX_STAGES];
 } AhReport;

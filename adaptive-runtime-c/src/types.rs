@@ -90,6 +90,8 @@ pub struct AhReport {
     pub n_stages: u32,
     /// Share of guide pairs that may be blended, 0 to 1.
     pub connectivity: f64,
+    /// Deepest that a hair is left in a solid where it was looked at, cm; 0 for none.
+    pub deepest_cm: f64,
     /// Wall time of each stage, s; their names are ah_stage_name(0) and so on.
     pub stage_s: [f64; AH_MAX_STAGES],
 }
@@ -175,6 +177,7 @@ impl From<&StepReport> for AhReport {
             quarantined: report.quarantined,
             n_stages: stages.len().min(AH_MAX_STAGES) as u32,
             connectivity: report.connectivity,
+            deepest_cm: f64::from(report.deepest_cm),
             stage_s,
         }
     }
