@@ -41,7 +41,8 @@ pub struct Args {
     /// Print the experiments' names, and end.
     #[arg(long, conflicts_with = "scene")]
     list: bool,
-    /// Show what an earlier version of the program found rather than run again; the report says which version.
+    /// Show what an earlier version of the program found, here or in the report that is written over, rather than run again; the
+    /// report says which version.
     #[arg(long, conflicts_with = "scene")]
     keep: bool,
     /// Run experiments again though nothing has changed.
@@ -115,7 +116,7 @@ fn evidence(args: &Args) -> Result<()> {
     let program = about::program()?;
     let pictures = if args.no_pictures { place::Pictures::None } else { place::Pictures::Best { plain: args.plain } };
     let place = place::Workplace::new(args.size(), &args.out, pictures, &bars);
-    let store = kept::Store::open(&args.out, args.size(), &program, args.no_pictures)?;
+    let store = kept::Store::open(&args.out, args.size(), &program, args.no_pictures)?.with_report(&args.report);
     let how = running::How { keep: args.keep, fresh: args.fresh };
     let ran = running::all(&chosen, &place, &store, how, &bars)?;
     let (sections, folders): (Vec<_>, Vec<_>) = ran.into_iter().map(|r| (r.section, r.folder)).unzip();

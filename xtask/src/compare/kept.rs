@@ -8,7 +8,7 @@ use super::about::Program;
 use crate::report::write_beside;
 use anyhow::{Context, Result};
 use hair_bench::evidence::{Findings, Size};
-use hair_bench::report::Made;
+use hair_bench::report::{Made, Outcome, Report};
 use io_formats::StageCache;
 use io_formats::stage_cache::StageLock;
 use serde::{Deserialize, Serialize};
@@ -17,6 +17,8 @@ use std::path::{Path, PathBuf};
 /// Folder of pictures, in a kept folder as in a report's.
 pub const PICTURES: &str = "pictures";
 const FINDINGS: &str = "findings.json";
+/// A report's file of all its findings.
+pub const REPORT: &str = "report.json";
 
 /// Findings with how they were made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -40,6 +42,9 @@ pub struct Store {
     program: Program,
     /// Findings without pictures are others than those with.
     mark: &'static str,
+    size: Size,
+    /// Folder of a report, which keeps findings too.
+    report: Option<PathBuf>,
 }
 
 impl Store {
@@ -55,7 +60,13 @@ impl Store {
         };
         let folder = out.join("cache").join("compare").join(name);
         let locks = StageCache::in_directory(&folder)?;
-        Ok(Self { folder, locks, program: program.clone(), mark: if no_pictures { "-bare" } else { "" } })
+        let mark = if no_pictures { "-bare" } else { "" };
+        Ok(Self { folder, locks, program: program.clone(), mark, size, report: None })
+    }
+
+    /// The same, with what a report in `folder` tells of other programs: one kept in a repository outlives every cache.
+    pub fn with_report(self, folder: &Path) -> Self {
+        Self { report: Some(folder.to_path_buf()).filter(|_| self.mark.is_empty()), ..self }
     }
 
     /// This program's version.
@@ -87,10 +98,11 @@ impl Store {
             let rest = name.strip_prefix(experiment)?.strip_prefix('-')?.strip_suffix(self.mark)?;
             (rest.len() == 16 && rest.bytes().all(|b| b.is_ascii_hexdigit())).then_some(())
         };
-        let entries = std::fs::read_dir(&self.folder).ok()?;
-        let named = entries.flatten().filter(|e| e.file_name().to_str().and_then(hash).is_some());
+        let entries = std::fs::read_dir(&self.folder);
+        let named = entries.into_iter().flatten().flatten().filter(|e| e.file_name().to_str().and_then(hash).is_some());
         let found = named.filter_map(|e| read(&e.path()));
-        found.max_by_key(|found| (found.kept.made.at_s, found.folder.clone()))
+        let told = self.report.iter().filter_map(|folder| told(folder, self.size, experiment));
+        found.chain(told).max_by_key(|found| (found.kept.made.at_s, found.folder.clone()))
     }
 
     /// Makes the experiment's folder anew.
@@ -114,6 +126,19 @@ impl Store {
         let path = self.folder(experiment).join(FINDINGS);
         write_beside(&path, serde_json::to_string_pretty(kept)?.as_bytes())?;
         self.load(experiment).with_context(|| format!("{} does not read back", path.display()))
+    }
+}
+
+/// What a report of this size tells of an experiment.
+fn told(folder: &Path, size: Size, experiment: &str) -> Option<Found> {
+    let text = std::fs::read_to_string(folder.join(REPORT)).ok()?;
+    let report: Report = serde_json::from_str(&text).ok()?;
+    let section = report.sections.into_iter().find(|section| section.name == experiment)?;
+    match section.outcome {
+        Outcome::Found { findings, made } if report.about.size == size => {
+            Some(Found { kept: Kept { made, findings }, folder: folder.to_path_buf() })
+        }
+        _ => None,
     }
 }
 

@@ -1,6 +1,6 @@
 //! A report's files: the page, Markdown, JSON, pictures and plots, each whole or not at all.
 
-use super::kept::PICTURES;
+use super::kept::{PICTURES, REPORT};
 use crate::report::write_beside;
 use anyhow::{Context, Result};
 use hair_bench::evidence::Picture;
@@ -38,7 +38,7 @@ pub fn write(report: &Report, from: &[Option<PathBuf>], to: &Path, within_bytes:
         Some(_) => PictureBytes::Beside,
         None => PictureBytes::Missing,
     };
-    write_beside(&to.join("report.json"), json(report)?.as_bytes())?;
+    write_beside(&to.join(REPORT), json(report)?.as_bytes())?;
     write_beside(&to.join("report.md"), markdown(report).as_bytes())?;
     write_beside(&to.join("report.html"), html(report, &place).as_bytes())
 }

@@ -2,8 +2,10 @@
 
 use super::*;
 use crate::compare::about::Program;
+use crate::compare::writing;
 use hair_bench::Error;
 use hair_bench::evidence::{Findings, Picture, Place, Size, Trained, View, number};
+use hair_bench::report::{About, Machine, Report};
 use io_formats::scene::Scene;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -110,6 +112,41 @@ fn a_changed_program_shows_nothing_old_unless_asked_and_then_says_so() {
     let new = run(2, How::default());
     assert!(!made(&new).outdated && made(&new).commit == "commit 2");
     assert!(!made(&run(2, keep)).outdated, "what is up to date comes first");
+}
+
+#[test]
+fn a_report_outlives_the_cache_and_gives_up_its_findings_only_when_asked_and_only_at_its_size() {
+    let experiments = [experiment("e", a_third)];
+    let dir = tempfile::tempdir().unwrap();
+    let bars = Bars::new();
+    let (out, to) = (dir.path().join("out"), dir.path().join("report"));
+    let first = all(&experiments, &Nowhere, &store(&out, 1), How::default(), &bars).unwrap().remove(0);
+    let report = |size| Report { about: About { size, ..about() }, sections: vec![first.section.clone()] };
+    let keep = How { keep: true, fresh: false };
+    let run = |how| {
+        let store = store(&out, 2).with_report(&to);
+        all(&experiments, &Nowhere, &store, how, &bars).unwrap().remove(0)
+    };
+    for (size, how, old) in [(Size::Smoke, keep, true), (Size::Full, keep, false), (Size::Smoke, How::default(), false)]
+    {
+        let _ = std::fs::remove_dir_all(&out);
+        writing::write(&report(size), &[first.folder.clone()], &to, 0).unwrap();
+        let ran = run(how);
+        assert_eq!(made(&ran).outdated, old, "{size:?} {how:?}");
+        assert_eq!(made(&ran).commit, if old { "commit 1" } else { "commit 2" });
+        assert_eq!(findings(&ran), findings(&first), "a third stays a third");
+    }
+}
+
+fn about() -> About {
+    About {
+        command: String::new(),
+        size: Size::Smoke,
+        commit: String::new(),
+        written_s: 0,
+        machine: Machine::default(),
+        notes: Vec::new(),
+    }
 }
 
 #[test]
