@@ -37,8 +37,10 @@ const RELEASE_SPEED: f32 = 10.0;
 const LOOKS: usize = 8;
 const LOOK_AGAIN_CM: f32 = 0.005;
 
-/// Gap below which a place bears on the strand, cm.
+/// Gap below which a place bears on a strand that nothing has moved in this step, and on one that has been moved, cm: lengths put right leave it a little off the
+/// plane that holds it.
 const BEARING_CM: f32 = 0.003;
+const BEARING_PUSHED_CM: f32 = 0.03;
 
 /// Offsets longer than this are kept out of the head, cm: what lies on its guides lies outside it.
 const HELD_CM: f32 = 0.05;
@@ -362,6 +364,7 @@ fn leave(
     }
     slot.looked = around.step;
     let (mut least, mut bears) = (clear, false);
+    let bearing = if w.pushed { BEARING_PUSHED_CM } else { BEARING_CM };
     for touch in &mut slot.touches[..usize::from(slot.n_touches)] {
         let solid = &around.solids[usize::from(touch.solid)];
         let (j, s) = (usize::from(touch.segment), touch.s);
@@ -370,7 +373,7 @@ fn leave(
         let gap = plane_gap(touch, point);
         (touch.gap, touch.point) = (gap, point);
         least = least.min(gap);
-        if gap < BEARING_CM {
+        if gap < bearing {
             let normal = solid.at_end.vector_back(touch.normal);
             let at = dot(normal, point_at(&w.offset, pad, j, s));
             if at > 0.0 {

@@ -58,9 +58,10 @@ struct Walk {
     along: f32,
     /// Bound on the length of a segment, cm.
     longest: f32,
-    /// Place of the last sample, and the distances at it and at the one before.
+    /// Places of the last sample and of the one before, and the distances there.
     last_along: f32,
     last: f32,
+    before_along: f32,
     before: f32,
 }
 
@@ -68,6 +69,16 @@ impl Walk {
     /// Whether the last sample is less than the one before, and not more than the next.
     fn is_least(&self, next: f32) -> bool {
         !(self.before <= self.last || next < self.last)
+    }
+
+    /// Where the distance is least, if the last sample is less than those beside it: the vertex of the parabola through the three. Samples alone would
+    /// place it now here, now there, and a strand on a round solid would tremble by what their distances differ.
+    fn least_along(&self, along: f32, distance: f32) -> f32 {
+        let (to_before, to_next) = (self.last_along - self.before_along, self.last_along - along);
+        let (over_next, over_before) = (self.last - distance, self.last - self.before);
+        let below = to_before * over_next - to_next * over_before;
+        let shift = 0.5 * (to_before * to_before * over_next - to_next * to_next * over_before) / below;
+        if shift.is_finite() { (self.last_along - shift).clamp(self.before_along, along) } else { self.last_along }
     }
 }
 
@@ -103,6 +114,7 @@ impl Look {
             longest,
             last_along: f32::NAN,
             last: f32::INFINITY,
+            before_along: f32::NAN,
             before: f32::INFINITY,
         }));
         while !self.walks.is_empty() {
@@ -117,7 +129,7 @@ impl Look {
             for k in 0..n {
                 let (mut walk, distance) = (self.walks[k], self.distance[k]);
                 if walk.last < reach && walk.is_least(distance) {
-                    self.found.push((walk.strand, walk.last_along));
+                    self.found.push((walk.strand, walk.least_along(walk.along, distance)));
                 }
                 let sure = field.surely(distance);
                 if !(walk.last < reach && distance < reach) && walk.last_along >= 0.0 {
@@ -129,7 +141,8 @@ impl Look {
                     // Not a number clears nothing.
                     clear[walk.strand as usize] = f32::NEG_INFINITY;
                 }
-                (walk.before, walk.last, walk.last_along) = (walk.last, distance, walk.along);
+                (walk.before_along, walk.before) = (walk.last_along, walk.last);
+                (walk.last_along, walk.last) = (walk.along, distance);
                 if walk.along >= last {
                     if distance < reach && walk.is_least(f32::INFINITY) {
                         self.found.push((walk.strand, walk.along));
