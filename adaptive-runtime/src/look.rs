@@ -311,6 +311,27 @@ mod tests {
     }
 
     #[test]
+    fn where_a_strand_is_nearest_to_a_round_solid_does_not_depend_on_where_samples_fall() {
+        /// A quarter of what samples alone are off by here; the field's cells included.
+        const OFF_CM: f32 = 5e-4;
+        let rod = Shape::capsule(Vector3::new(0.0, 0.0, -3.0), Vector3::new(0.0, 0.0, 3.0), 0.1);
+        let rod = ShapeUnion { shapes: vec![rod], smoothing: 0.0 };
+        let rod = Solid::from_shape("rod", &rod, 0.025, 0.1, 0.3).unwrap();
+        let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+        for shift in 0..40 {
+            let mut x = vec![0.0; 3 * PAD];
+            for i in 0..PAD {
+                x[i] = 0.13;
+                x[PAD + i] = 12.3 + 0.025 * shift as f32 - i.min(N - 1) as f32;
+            }
+            let (found, _) = looked_at(&rod, &x);
+            let nearest = found[0].iter().map(|near| near.distance).fold(f32::INFINITY, f32::min);
+            (low, high) = (low.min(nearest), high.max(nearest));
+        }
+        assert!(low > 0.03 - OFF_CM && high < 0.03 + OFF_CM, "{low} to {high}");
+    }
+
+    #[test]
     fn what_is_found_of_a_strand_does_not_depend_on_those_beside_it() {
         let (solid, x) = (comb(), strands(40));
         let (found, clear) = looked_at(&solid, &x);
