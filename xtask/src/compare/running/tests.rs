@@ -130,7 +130,7 @@ fn a_report_outlives_the_cache_and_gives_up_its_findings_only_when_asked_and_onl
     for (size, how, old) in [(Size::Smoke, keep, true), (Size::Full, keep, false), (Size::Smoke, How::default(), false)]
     {
         let _ = std::fs::remove_dir_all(&out);
-        writing::write(&report(size), &[first.folder.clone()], &to, 0).unwrap();
+        writing::write(&report(size), std::slice::from_ref(&first.folder), &to, 0).unwrap();
         let ran = run(how);
         assert_eq!(made(&ran).outdated, old, "{size:?} {how:?}");
         assert_eq!(made(&ran).commit, if old { "commit 1" } else { "commit 2" });
