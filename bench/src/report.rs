@@ -153,7 +153,7 @@ impl Report {
 /// # Errors
 /// None that plain data can meet.
 pub fn json(report: &Report) -> Result<String, serde_json::Error> {
-    let mut text = serde_json::to_string_pretty(report)?;
+    let mut text = serde_json::to_string(report)?;
     text.push('\n');
     Ok(text)
 }
