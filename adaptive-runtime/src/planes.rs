@@ -308,7 +308,9 @@ pub(crate) fn keep_lengths(skin: &[f32], rest: &[f32], x: &mut [f32], pad: usize
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::params::RuntimeParams;
     use crate::response::Elasticity;
+    use collision::{Shape, ShapeUnion, Solid, SolidPose};
     use nalgebra::{Isometry3, Vector3};
 
     const PAD: usize = 32;
@@ -383,6 +385,57 @@ mod tests {
                 assert!((l - 1.0).abs() < 0.1, "{pull}: {l}");
             }
             assert_eq!(x[..N_FIXED], skin[..N_FIXED], "the scalp holds the root");
+        }
+    }
+
+    #[test]
+    fn putting_lengths_right_gives_no_velocity_whichever_way_is_taken() {
+        /// Offsets of centimetres in single precision.
+        const ROUND_OFF_CM: f32 = 1e-5;
+        /// How far the coil has been drawn down, cm.
+        const PULL: f32 = 0.6;
+        let rod = Shape::capsule(Vector3::zeros(), Vector3::new(0.0, 0.0, 1.0), 0.1);
+        let rod = ShapeUnion { shapes: vec![rod], smoothing: 0.0 };
+        let rod = Solid::from_shape("rod", &rod, 0.05, 0.1, 0.3).unwrap();
+        let solids = [SolidInHead::new(&rod, SolidPose::still(Isometry3::identity()))];
+        let params = RuntimeParams::adaptive();
+        let (solids, params) = (&solids[..], &params);
+        let (dt, time, step, steps) = (0.01, 1.0, 7, 1);
+        let (head, responses, length_cm) = (None, &[][..], 24.0);
+        let around = Surroundings { dt, time, step, steps, solids, head, params, responses, length_cm, pad: PAD, n: N };
+        let frames = [Frame::new(&Isometry3::identity())];
+        let skin = coil(0.7);
+        let mut drawn = skin.clone();
+        for i in 0..PAD {
+            drawn[PAD + i] -= PULL * (i as f32 / 8.0).min(1.0);
+        }
+        let touch = |segment: u16, below: f32| {
+            let [a, b, c] = point_at(&drawn, PAD, usize::from(segment), 0.4);
+            Touch { solid: 0, segment, s: 0.4, gap: 0.0, point: [a, b + below, c], normal: [0.0, -1.0, 0.0] }
+        };
+        // Planes that lengths put right from the root on leave alone, and planes that this takes the strand past.
+        for (below, together) in [(2.0, false), (0.0, true)] {
+            let mut touches = [touch(8, below), touch(15, below)];
+            let mut alone = drawn.clone();
+            keep_lengths(&skin, &skin, &mut alone, PAD, N);
+            let offset: Vec<f32> = drawn.iter().zip(&skin).map(|(x, s)| x - s).collect();
+            let mut work = Moving::default();
+            (work.now, work.x, work.before, work.offset) = (skin.clone(), drawn.clone(), skin.clone(), offset.clone());
+            keep_lengths_at_planes(&around, &mut touches, &frames, &skin, &mut work);
+            for k in 0..3 * PAD {
+                let (moved, at_start) = (work.x[k] - drawn[k], work.offset[k] - offset[k]);
+                assert!((moved - at_start).abs() < ROUND_OFF_CM, "{k}: {moved} {at_start}");
+            }
+            assert!(work.x.iter().zip(&drawn).any(|(x, before)| (x - before).abs() > 0.1), "something moved");
+            assert_eq!(work.x != alone, together);
+            for l in lengths(&work.x) {
+                assert!((l - 1.0).abs() < 0.1, "{l}");
+            }
+            for touch in &mut touches {
+                let gap = |x: &[f32]| gap_where_it_passes(&mut touch.clone(), &frames[0], x, PAD, N);
+                assert!(gap(&work.x) > -0.02, "{}", gap(&work.x));
+                assert_eq!(gap(&alone) < -0.1, together);
+            }
         }
     }
 
