@@ -515,10 +515,22 @@ fn keep_out_of_head(around: &Surroundings, response: &Response, work: &mut Movin
     let Some(head) = around.head else { return };
     let pad = around.pad;
     let gap_kept = around.params.guides.contact.offset_cm as f32;
+    // How far beyond the distance kept the strand surely is, where it was sampled last: nothing is asked of the particles within.
+    let (mut sure, mut before) = (0.0, [0.0; 3]);
     for i in N_FIXED..around.n {
         let (p, s) = (particle(&work.x, pad, i), particle(&work.now, pad, i));
+        let along = less(p, before);
+        before = p;
+        if sure > 0.0 {
+            sure -= dot(along, along).sqrt();
+        }
         let d = less(p, s);
-        if dot(d, d) < HELD_CM * HELD_CM || head.sdf.distance(Vector3::from(p)) >= gap_kept {
+        if sure > 0.0 || dot(d, d) < HELD_CM * HELD_CM {
+            continue;
+        }
+        let distance = head.sdf.distance(Vector3::from(p));
+        sure = head.sdf.surely(distance) - gap_kept;
+        if distance >= gap_kept {
             continue;
         }
         let (distance, normal) = head.sdf.outward_normal(Vector3::from(p));

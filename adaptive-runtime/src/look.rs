@@ -5,8 +5,11 @@
 //! of a group of strands advance together: the samples of one round are taken in one batch, which is what makes
 //! them cheap. Each strand's walk is its own, so what is found does not depend on the strands beside it.
 
+use crate::kernels::LANES;
 use crate::solid_in_head::particle;
+use crate::strands::GROUP;
 use collision::{Samples, SignedDistanceField};
+use multiversion::multiversion;
 use nalgebra::Vector3;
 
 /// Length of a step as a share of the distance: a place where the distance is least is that much off at most.
@@ -50,47 +53,134 @@ pub(crate) struct Particles<'a> {
     pub pad: usize,
 }
 
-/// A walk along one strand.
-#[derive(Clone, Copy, Debug)]
-struct Walk {
-    strand: u32,
+/// Walks along the strands of a group, a value for each in every array, so that a round advances eight to an instruction.
+#[derive(Clone, Debug)]
+struct Walks {
+    strand: [u32; GROUP],
     /// Place of the next sample, in particles.
-    along: f32,
+    along: [f32; GROUP],
     /// Bound on the length of a segment, cm.
-    longest: f32,
+    longest: [f32; GROUP],
     /// Places of the last sample and of the one before, and the distances there.
-    last_along: f32,
-    last: f32,
-    before_along: f32,
-    before: f32,
+    last_along: [f32; GROUP],
+    last: [f32; GROUP],
+    before_along: [f32; GROUP],
+    before: [f32; GROUP],
+    /// What all that was walked past is surely not nearer than, cm.
+    clear: [f32; GROUP],
+    /// What this round is to the walk: [`IS_LEAST`], [`ENDS`].
+    event: [u32; GROUP],
 }
 
-impl Walk {
-    /// Whether the last sample is less than the one before, and not more than the next.
-    fn is_least(&self, next: f32) -> bool {
-        !(self.before <= self.last || next < self.last)
-    }
+/// The last sample is less than the one before, and not more than this one.
+const IS_LEAST: u32 = 1;
+/// This sample is the walk's last, and [`ENDS_LEAST`]: less than the one before.
+const ENDS: u32 = 2;
+const ENDS_LEAST: u32 = 4;
 
-    /// Where the distance is least, if the last sample is less than those beside it: the vertex of the parabola through the three. Samples alone would
-    /// place it now here, now there, and a strand on a round solid would tremble by what their distances differ.
-    fn least_along(&self, along: f32, distance: f32) -> f32 {
-        let (to_before, to_next) = (self.last_along - self.before_along, self.last_along - along);
-        let (over_next, over_before) = (self.last - distance, self.last - self.before);
+/// What a round of walks compares with.
+#[derive(Clone, Copy)]
+struct Limits<'a> {
+    field: &'a SignedDistanceField,
+    reach: f32,
+    spacing: f32,
+    /// The last particle.
+    end: f32,
+}
+
+impl Walks {
+    const NONE: Self = Self {
+        strand: [0; GROUP],
+        along: [0.0; GROUP],
+        longest: [1.0; GROUP],
+        last_along: [f32::NAN; GROUP],
+        last: [f32::INFINITY; GROUP],
+        before_along: [f32::NAN; GROUP],
+        before: [f32::INFINITY; GROUP],
+        clear: [f32::INFINITY; GROUP],
+        event: [0; GROUP],
+    };
+
+    /// Where the distance is least, if the last sample of walk `k` is less than those beside it: the vertex of the parabola through the three.
+    /// Samples alone would place it now here, now there, and a strand on a round solid would tremble by what their distances differ.
+    fn least_along(&self, k: usize, distance: f32) -> f32 {
+        let (along, last, last_along) = (self.along[k], self.last[k], self.last_along[k]);
+        let (to_before, to_next) = (last_along - self.before_along[k], last_along - along);
+        let (over_next, over_before) = (last - distance, last - self.before[k]);
         let below = to_before * over_next - to_next * over_before;
         let shift = 0.5 * (to_before * to_before * over_next - to_next * to_next * over_before) / below;
-        if shift.is_finite() { (self.last_along - shift).clamp(self.before_along, along) } else { self.last_along }
+        if shift.is_finite() { (last_along - shift).clamp(self.before_along[k], along) } else { last_along }
+    }
+
+    /// Puts walk `from` in the place of walk `to`.
+    fn put(&mut self, to: usize, from: usize) {
+        self.strand[to] = self.strand[from];
+        let Self { along, longest, last_along, last, before_along, before, clear, .. } = self;
+        for values in [along, longest, last_along, last, before_along, before, clear] {
+            values[to] = values[from];
+        }
+    }
+}
+
+/// Says what samples at the places of the first `n` walks are to them.
+#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
+fn compare(walks: &mut Walks, n: usize, distance: &[f32; GROUP], reach: f32, end: f32) {
+    for k in 0..n.next_multiple_of(LANES).min(GROUP) {
+        let (last, now) = (walks.last[k], distance[k]);
+        let is_least = (last < reach) & !((walks.before[k] <= last) | (now < last));
+        let ends = walks.along[k] >= end;
+        let ends_least = ends & (now < reach) & !(last <= now);
+        walks.event[k] = u32::from(is_least) * IS_LEAST + u32::from(ends) * ENDS + u32::from(ends_least) * ENDS_LEAST;
+    }
+}
+
+/// Takes the samples over, and each walk as far as nothing in reach can be missed.
+#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
+fn advance(walks: &mut Walks, n: usize, distance: &[f32; GROUP], limits: Limits) {
+    let Limits { field, reach, spacing, end } = limits;
+    for k in 0..n.next_multiple_of(LANES).min(GROUP) {
+        let (along, last_along, longest) = (walks.along[k], walks.last_along[k], walks.longest[k]);
+        let (last, now) = (walks.last[k], distance[k]);
+        let (last_sure, sure) = (field.surely(last), field.surely(now));
+        let between = 0.5 * (last_sure + sure - (along - last_along) * longest);
+        let counts = !((last < reach) & (now < reach)) & (last_along >= 0.0);
+        let mut clear = walks.clear[k];
+        clear = if counts & (between < clear) { between } else { clear };
+        // Not a number clears nothing.
+        walks.clear[k] = if now.is_nan() { f32::NEG_INFINITY } else { clear };
+        (walks.before_along[k], walks.before[k]) = (last_along, last);
+        (walks.last_along[k], walks.last[k]) = (along, now);
+        let (share, beyond) = (STEP_OVER_DISTANCE * sure, sure - reach);
+        let mut step = if share > spacing { share } else { spacing };
+        step = if beyond > step { beyond } else { step } / longest;
+        step = if step > 1.0 / MOST_STEPS { step } else { 1.0 / MOST_STEPS };
+        let next = along + step;
+        walks.along[k] = if next < end { next } else { end };
     }
 }
 
 /// Buffers of a worker.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(crate) struct Look {
-    walks: Vec<Walk>,
+    walks: Walks,
     /// What was found: strand, and place along it in particles.
     found: Vec<(u32, f32)>,
     point: [Vec<f32>; 3],
     distance: Vec<f32>,
     gradient: [Vec<f32>; 3],
+}
+
+impl Default for Look {
+    fn default() -> Self {
+        let room = || vec![0.0; GROUP];
+        Self {
+            walks: Walks::NONE,
+            found: Vec::new(),
+            point: [room(), room(), room()],
+            distance: room(),
+            gradient: [room(), room(), room()],
+        }
+    }
 }
 
 impl Look {
@@ -104,59 +194,59 @@ impl Look {
         clear: &mut [f32],
         found: &mut impl FnMut(usize, Nearest),
     ) {
-        let Sight { field, first, end, reach, spacing } = *sight;
-        let last = (end - 1) as f32;
         self.found.clear();
-        self.walks.clear();
-        self.walks.extend(longest.iter().enumerate().map(|(strand, &longest)| Walk {
-            strand: strand as u32,
-            along: first as f32,
-            longest,
-            last_along: f32::NAN,
-            last: f32::INFINITY,
-            before_along: f32::NAN,
-            before: f32::INFINITY,
-        }));
-        while !self.walks.is_empty() {
-            let n = self.walks.len();
-            self.fit(n);
-            for (k, walk) in self.walks.iter().enumerate() {
-                let point = strands.at(walk.strand as usize, walk.along, end);
+        for (k, (longest, clear)) in longest.chunks(GROUP).zip(clear.chunks_mut(GROUP)).enumerate() {
+            self.along_group(sight, strands, k * GROUP, longest, clear);
+        }
+        self.tell(sight, strands, found);
+    }
+
+    /// Walks along the strands from `first` on, a group at most.
+    fn along_group(&mut self, sight: &Sight, strands: Particles, first: usize, longest: &[f32], clear: &mut [f32]) {
+        let Sight { field, first: from, end, reach, spacing } = *sight;
+        let limits = Limits { field, reach, spacing, end: (end - 1) as f32 };
+        let mut n = longest.len();
+        self.walks = Walks { along: [from as f32; GROUP], ..Walks::NONE };
+        for (k, &longest) in longest.iter().enumerate() {
+            self.walks.strand[k] = (first + k) as u32;
+            self.walks.longest[k] = longest;
+            self.walks.clear[k] = clear[k];
+        }
+        while n > 0 {
+            for k in 0..n {
+                let point = strands.at(self.walks.strand[k] as usize, self.walks.along[k], end);
                 (0..3).for_each(|c| self.point[c][k] = point[c]);
             }
             self.sample(field, n);
-            let mut kept = 0;
+            let mut distance = [0.0; GROUP];
+            distance.copy_from_slice(&self.distance[..GROUP]);
+            let walks = &mut self.walks;
+            compare(walks, n, &distance, reach, limits.end);
+            let mut events = 0;
             for k in 0..n {
-                let (mut walk, distance) = (self.walks[k], self.distance[k]);
-                if walk.last < reach && walk.is_least(distance) {
-                    self.found.push((walk.strand, walk.least_along(walk.along, distance)));
+                let event = walks.event[k];
+                events |= event;
+                if event & IS_LEAST != 0 {
+                    self.found.push((walks.strand[k], walks.least_along(k, distance[k])));
                 }
-                let sure = field.surely(distance);
-                if !(walk.last < reach && distance < reach) && walk.last_along >= 0.0 {
-                    let length = (walk.along - walk.last_along) * walk.longest;
-                    let clear = &mut clear[walk.strand as usize];
-                    *clear = clear.min(0.5 * (field.surely(walk.last) + sure - length));
+                if event & ENDS_LEAST != 0 {
+                    self.found.push((walks.strand[k], walks.along[k]));
                 }
-                if distance.is_nan() {
-                    // Not a number clears nothing.
-                    clear[walk.strand as usize] = f32::NEG_INFINITY;
-                }
-                (walk.before_along, walk.before) = (walk.last_along, walk.last);
-                (walk.last_along, walk.last) = (walk.along, distance);
-                if walk.along >= last {
-                    if distance < reach && walk.is_least(f32::INFINITY) {
-                        self.found.push((walk.strand, walk.along));
-                    }
-                    continue;
-                }
-                let step = spacing.max(STEP_OVER_DISTANCE * sure).max(sure - reach) / walk.longest;
-                walk.along = (walk.along + step.max(1.0 / MOST_STEPS)).min(last);
-                self.walks[kept] = walk;
-                kept += 1;
             }
-            self.walks.truncate(kept);
+            advance(walks, n, &distance, limits);
+            if events & ENDS != 0 {
+                let mut kept = 0;
+                for k in 0..n {
+                    if walks.event[k] & ENDS != 0 {
+                        clear[walks.strand[k] as usize - first] = walks.clear[k];
+                    } else {
+                        walks.put(kept, k);
+                        kept += 1;
+                    }
+                }
+                n = kept;
+            }
         }
-        self.tell(sight, strands, found);
     }
 
     /// Samples what was found once more, now for its normals too.

@@ -54,14 +54,19 @@ impl SignedDistanceField {
             layout: self.layout(),
             scales: [self.scales(false), self.scales(true)],
         };
-        sample_inside(grid, points, out, &mut |n, out| {
+        let mut singly = |n: usize, out: &mut Samples| {
             let p = Vector3::new(points[0][n], points[1][n], points[2][n]);
             let (distance, gradient) = self.distance_gradient(p);
             out.distance[n] = distance;
             for k in 0..3 {
                 out.gradient[k][n] = gradient[k];
             }
-        });
+        };
+        // A block is cleared at each call: a few points take a small one.
+        match n {
+            ..=FEW => sample_inside::<FEW>(grid, points, out, &mut singly),
+            _ => sample_inside::<MANY>(grid, points, out, &mut singly),
+        }
     }
 }
 
@@ -84,10 +89,11 @@ fn small(n: u32) -> f32 {
 
 /// Points whose corners are fetched before any is used: enough for the misses of many to overlap, few enough that
 /// what is kept of them stays in the nearest cache.
-const BLOCK: usize = 64;
+const MANY: usize = 64;
+const FEW: usize = 16;
 
 /// What one pass leaves for the next, an entry for each point of a block.
-struct Passes {
+struct Passes<const BLOCK: usize> {
     /// Coordinates in the grid, then fractions across the cell.
     t: [[f32; BLOCK]; 3],
     /// First node of the point's cell along each axis.
@@ -107,12 +113,17 @@ struct Passes {
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
-fn sample_inside(grid: Grid, points: [&[f32]; 3], out: &mut Samples, singly: &mut dyn FnMut(usize, &mut Samples)) {
+fn sample_inside<const BLOCK: usize>(
+    grid: Grid,
+    points: [&[f32]; 3],
+    out: &mut Samples,
+    singly: &mut dyn FnMut(usize, &mut Samples),
+) {
     let n = points[0].len();
     let Grid { origin, inv_cell, cell: cell_cm, last, last_cell, layout, scales } = grid;
     let [count_x, count_y, _] = layout.count.map(|n| n as u32);
     let countable = last.iter().all(|&n| n < 0.5 * ONES);
-    let mut passes = Passes {
+    let mut passes = Passes::<BLOCK> {
         t: [[0.0; BLOCK]; 3],
         cell: [[0; BLOCK]; 3],
         place: [0; BLOCK],
