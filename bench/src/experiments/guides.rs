@@ -28,8 +28,8 @@ fn params(size: Size) -> ComparisonParams {
             ..standard
         },
         Size::Quick => ComparisonParams {
-            strands: 1_200,
-            guides: vec![50, 100, 200],
+            strands: 800,
+            guides: vec![50, 100],
             sequences: 2,
             seconds: 1.0,
             held_out_seconds: 1.5,

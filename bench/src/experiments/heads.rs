@@ -29,7 +29,7 @@ pub struct Amount {
 pub fn amount(size: Size, hairs: usize, guides: usize) -> Amount {
     match size {
         Size::Smoke => Amount { hairs: hairs / 30, guides: guides / 4, measured: 500, reference: 200 },
-        Size::Quick => Amount { hairs: hairs / 20, guides: guides / 2, measured: 1_000, reference: 500 },
+        Size::Quick => Amount { hairs: hairs / 28, guides: guides / 3, measured: 550, reference: 220 },
         Size::Full => Amount { hairs, guides, measured: 10_000, reference: 2_000 },
     }
 }

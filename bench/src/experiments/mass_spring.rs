@@ -122,7 +122,7 @@ const STRAIN_LIMIT: f64 = 0.1;
 fn hairs(size: Size, paper: usize) -> usize {
     match size {
         Size::Smoke => paper / 100,
-        Size::Quick => paper / 40,
+        Size::Quick => paper / 80,
         Size::Full => paper,
     }
 }

@@ -130,7 +130,12 @@ fn run(place: &dyn Place) -> Result<Findings, Error> {
 
 fn tuft(size: Size, out: &mut Findings) -> Result<(), Error> {
     let standard = Tuft::standard();
-    let tuft = if size == Size::Smoke { Tuft { n_strands: standard.n_strands / 4, ..standard } } else { standard };
+    let n_strands = match size {
+        Size::Smoke => standard.n_strands / 4,
+        Size::Quick => standard.n_strands / 2,
+        Size::Full => standard.n_strands,
+    };
+    let tuft = Tuft { n_strands, ..standard };
     let models = [
         ("basic mass/spring", TuftModel::Basic(BasicParams::paper())),
         ("full", TuftModel::Full(None)),

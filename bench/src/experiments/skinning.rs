@@ -44,7 +44,7 @@ fn ways(size: Size) -> Vec<(String, RuntimeParams)> {
         out.push((words.to_owned(), params));
     }
     for d_max in D_MAX_CM {
-        if size != Size::Smoke || d_max < 1.0 {
+        if size == Size::Full || d_max < 1.0 {
             out.push((format!("tips within {d_max} cm"), RuntimeParams::tip_distance(d_max)));
         }
     }

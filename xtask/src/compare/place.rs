@@ -16,6 +16,8 @@ use std::path::{Path, PathBuf};
 
 /// Height of the report's pictures, pixels.
 const HEIGHT: usize = 480;
+/// That of a report that is to be done soon: drawing is a good part of its time.
+const QUICK_HEIGHT: usize = 320;
 /// Colours of a picture: hair has few hues, a backdrop many shades.
 const COLOURS: usize = 256;
 
@@ -82,7 +84,8 @@ impl<'a> Workplace<'a> {
         let Pictures::Best { plain } = self.pictures else { return Ok(picture) };
         let mut painter = self.painter.borrow_mut();
         let painter = painter.get_or_insert_with(|| if plain { Painter::plain() } else { Painter::best(self.bars) });
-        let camera = sized(camera(view.world), Some(HEIGHT)).turned(view.turn);
+        let height = if self.size == Size::Full { HEIGHT } else { QUICK_HEIGHT };
+        let camera = sized(camera(view.world), Some(height)).turned(view.turn);
         let image = painter.picture(view.world, view.t, view.positions, view.colors, camera)?;
         let path = current.folder.join(&picture.file);
         let folder = path.parent().unwrap_or(&current.folder);
