@@ -129,7 +129,7 @@ fn compare(walks: &mut Walks, n: usize, distance: &[f32; GROUP], reach: f32, end
         let (last, now) = (walks.last[k], distance[k]);
         let is_least = (last < reach) & !((walks.before[k] <= last) | (now < last));
         let ends = walks.along[k] >= end;
-        let ends_least = ends & (now < reach) & !(last <= now);
+        let ends_least = ends & (now < reach) & ((last > now) | last.is_nan());
         walks.event[k] = u32::from(is_least) * IS_LEAST + u32::from(ends) * ENDS + u32::from(ends_least) * ENDS_LEAST;
     }
 }
