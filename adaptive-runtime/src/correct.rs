@@ -12,15 +12,16 @@ use crate::kernels::{Carry, Settle, Sound, Turn, run};
 use crate::look::{Look, Nearest, Particles, Sight};
 use crate::offset::{N_FIXED, Return, farthest, fastest};
 use crate::params::{Correction, RuntimeParams};
-use crate::planes::{dot, hold_at_planes, keep_lengths_at_planes, less, plane_gap, point_at, scaled};
+use crate::planes::{dot, hold_at_planes, keep_lengths_at_planes, plane_gap, point_at, scaled};
 use crate::response::Response;
-use crate::solid_in_head::{Frame, SolidInHead, particle};
+use crate::solid_in_head::{Frame, SolidInHead};
 use crate::strands::{Fade, GROUP, MAX_TOUCHES, Slot, Touch, Wake, bring_up, largest};
 use arrayvec::ArrayVec;
 use multiversion::multiversion;
-use nalgebra::Vector3;
+use out_of_head::keep_out_of_head;
 
 mod at_end;
+mod out_of_head;
 
 /// Gaps up to this are remembered at least, so that a strand closing in stops at the surface and not behind it, cm.
 const LEAST_WATCHED_CM: f32 = 0.1;
@@ -41,9 +42,6 @@ const LOOK_AGAIN_CM: f32 = 0.005;
 /// plane that holds it.
 const BEARING_CM: f32 = 0.003;
 const BEARING_PUSHED_CM: f32 = 0.03;
-
-/// Offsets longer than this are kept out of the head, cm: what lies on its guides lies outside it.
-const HELD_CM: f32 = 0.05;
 
 /// Most solids besides the head.
 pub(crate) const MAX_SOLIDS: usize = 16;
@@ -508,37 +506,4 @@ fn move_out(
 fn put_right(response: &Response, (segment, s): (usize, f32), by: [f32; 3], work: &mut Moving) {
     response.push_at(segment, s, by, &mut work.x);
     response.push_at(segment, s, by, &mut work.offset);
-}
-
-/// Moves particles that are held off their place out of the head.
-fn keep_out_of_head(around: &Surroundings, response: &Response, work: &mut Moving) {
-    let Some(head) = around.head else { return };
-    let pad = around.pad;
-    let gap_kept = around.params.guides.contact.offset_cm as f32;
-    // How far beyond the distance kept the strand surely is, where it was sampled last: nothing is asked of the particles within.
-    let (mut sure, mut before) = (0.0, [0.0; 3]);
-    for i in N_FIXED..around.n {
-        let (p, s) = (particle(&work.x, pad, i), particle(&work.now, pad, i));
-        let along = less(p, before);
-        before = p;
-        if sure > 0.0 {
-            sure -= dot(along, along).sqrt();
-        }
-        let d = less(p, s);
-        if sure > 0.0 || dot(d, d) < HELD_CM * HELD_CM {
-            continue;
-        }
-        let distance = head.sdf.distance(Vector3::from(p));
-        sure = head.sdf.surely(distance) - gap_kept;
-        if distance >= gap_kept {
-            continue;
-        }
-        let (distance, normal) = head.sdf.outward_normal(Vector3::from(p));
-        // Hair that its guides have nearer than that is not moved out farther than they have it.
-        let kept = gap_kept.min(head.sdf.distance(Vector3::from(s)));
-        if distance < kept {
-            let by = normal * (kept - distance);
-            put_right(response, (i - 1, 1.0), by.into(), work);
-        }
-    }
 }

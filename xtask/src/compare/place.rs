@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 
 /// Height of the report's pictures, pixels.
 const HEIGHT: usize = 480;
-/// That of a report that is to be done soon: drawing is a good part of its time.
+/// That of a report of smaller heads, which show less.
 const QUICK_HEIGHT: usize = 320;
 /// Colours of a picture: hair has few hues, a backdrop many shades.
 const COLOURS: usize = 256;
