@@ -1,6 +1,7 @@
 //! Choice of a guide set for each hair (AS16 §4.3), on masks over its at most nine eligible guides.
 //!
-//! A set whose members no longer form a clique is left, for the candidate that moves the hair least. AS16 Eq. (3) to the
+//! A set whose members no longer form a clique is left, for the candidate that moves the hair least; and here only where that brings
+//! guides nearer to where solids hold the hair, for fewer guides say less of a hair that follows all of them well (docs/DEVIATIONS.md). AS16 Eq. (3) to the
 //! letter then never leaves a set while it is a clique, so hairs drift to single guides for good; here a set also grows
 //! back, to one that trained better and moves the hair little (docs/DEVIATIONS.md). Either way the caller makes of the jump
 //! an offset that fades. Driven by events: only hairs whose set an edge's loss broke, and those that want to grow and whose
@@ -18,6 +19,7 @@ use crate::clusters::Clusters;
 use crate::graph::GuideGraph;
 use crate::interpolate::{ActiveSet, TransformArrays};
 use crate::params::{AssignParams, CliqueRule, WeightRule};
+use crate::strands::Offsets;
 use cliques::{LocalGraph, bits};
 use index::PairIndex;
 use io_formats::skinning_model::{SkinningModel, StrandSets};
@@ -64,6 +66,8 @@ struct Choosing<'a> {
     transforms: &'a TransformArrays,
     params: &'a AssignParams,
     lanes: &'a Lanes,
+    /// Where hairs are held, if broken sets are left for that alone.
+    offsets: Option<Offsets<'a>>,
 }
 
 /// One hair as its choice sees it.
@@ -81,6 +85,7 @@ struct Choice {
     moves: Vec<f32>,
     masks: Vec<u16>,
     shift: Shift,
+    carried: Vec<f32>,
 }
 
 /// What came of looking at a hair.
@@ -89,7 +94,7 @@ enum Outcome {
     Change(u16),
     /// Nothing better is there until an edge appears.
     Content,
-    /// A better set would move the hair too far for now.
+    /// It is to be looked at again: a better set would move the hair too far for now, or its broken one still serves best.
     Wanting,
 }
 
@@ -98,6 +103,7 @@ enum Outcome {
 struct Worker {
     changes: Vec<SetChange>,
     content: Vec<u32>,
+    wanting: Vec<u32>,
     choice: Choice,
 }
 
@@ -147,7 +153,7 @@ impl Assignment {
     }
 
     /// Hairs that change their set, ascending: the caller is to apply all of them to `sets`, which holds each hair's present one.
-    /// To be called once after each update of the graph.
+    /// To be called once after each update of the graph. With `offsets` broken sets are left by [`AssignParams::leave_gain_cm`], else at once.
     pub fn update(
         &mut self,
         model: &SkinningModel,
@@ -155,12 +161,13 @@ impl Assignment {
         clusters: &Clusters,
         transforms: &TransformArrays,
         params: &AssignParams,
+        offsets: Option<Offsets>,
         choice_number: u64,
         sets: &[u16],
     ) -> &[SetChange] {
         self.mark(graph);
         self.collect_due(params, choice_number);
-        let choosing = Choosing { model, graph, clusters, transforms, params, lanes: &self.lanes };
+        let choosing = Choosing { model, graph, clusters, transforms, params, lanes: &self.lanes, offsets };
         let n_workers = (4 * rayon::current_num_threads()).min(self.due.len().div_ceil(LEAST_PER_WORKER)).max(1);
         let share = self.due.len().div_ceil(n_workers).max(1);
         if self.workers.len() < n_workers {
@@ -169,13 +176,14 @@ impl Assignment {
         for worker in &mut self.workers {
             worker.changes.clear();
             worker.content.clear();
+            worker.wanting.clear();
         }
         let look = |(due, worker): (&[u32], &mut Worker)| {
             for &strand in due {
                 match choosing.look_at(strand as usize, sets[strand as usize], &mut worker.choice) {
                     Outcome::Change(set) => worker.changes.push(SetChange { strand, set }),
                     Outcome::Content => worker.content.push(strand),
-                    Outcome::Wanting => {}
+                    Outcome::Wanting => worker.wanting.push(strand),
                 }
             }
         };
@@ -188,6 +196,9 @@ impl Assignment {
         for worker in &self.workers {
             for &strand in &worker.content {
                 self.wanting[strand as usize / 64] &= !(1 << (strand % 64));
+            }
+            for &strand in &worker.wanting {
+                self.wanting[strand as usize / 64] |= 1 << (strand % 64);
             }
             for &change in &worker.changes {
                 let s = change.strand as usize;
@@ -225,16 +236,16 @@ impl Assignment {
 
     fn collect_due(&mut self, params: &AssignParams, choice_number: u64) {
         self.due.clear();
-        let grows = params.growth_tolerance_cm >= 0.0;
+        let again = params.growth_tolerance_cm >= 0.0 || params.leave_gain_cm >= 0.0;
         for word in 0..self.broken.len() {
             let wanting = match params.cliques {
                 CliqueRule::Local => self.wanting[word],
                 // Grown cliques change with motion alone.
-                CliqueRule::Grown => !self.best[word],
+                CliqueRule::Grown => self.wanting[word] | !self.best[word],
             };
             let mut due = self.broken[word];
             self.broken[word] = 0;
-            if grows && wanting != 0 {
+            if again && wanting != 0 {
                 due |= wanting & turn_of_word(choice_number, word, params.growth_period);
             }
             while due != 0 {
@@ -320,7 +331,24 @@ impl Choosing<'_> {
     ///
     /// A departure: AS16 takes C ∩ G for every eligible set G. Here G is the present set, of which little is lost, and all guides:
     /// of each clique C the kept sets that stand in for what it leaves of the two. Others lie between these and cost a shift each.
+    ///
+    /// Another: where solids hold the hair is known, that is its state, and the broken set a candidate too.
     fn leave(&self, strand: usize, current: u16, hair: &Hair, local: &LocalGraph, choice: &mut Choice) -> Outcome {
+        let of = (self.model, self.params.weights);
+        let mut held_off = None;
+        if let Some(offsets) = &self.offsets {
+            let Choice { shift, carried, .. } = &mut *choice;
+            // At best a candidate puts the hair where it is.
+            if !offsets.write(strand, self.params.leave_gain_cm, carried) {
+                return Outcome::Wanting;
+            }
+            shift.begin(of, self.lanes, self.transforms, (strand, current));
+            let by = shift.carry(&carried[..3 * offsets.pad], self.lanes, self.model.n_particles);
+            if by <= self.params.leave_gain_cm {
+                return Outcome::Wanting;
+            }
+            held_off = Some(by);
+        }
         let sets = &hair.sets;
         let mask = sets.masks[usize::from(current)];
         match self.params.cliques {
@@ -342,11 +370,12 @@ impl Choosing<'_> {
                 candidates.sort_unstable();
             }
         }
-        if let [only] = choice.candidates[..] {
-            return Outcome::Change(only);
+        if held_off.is_none() {
+            if let [only] = choice.candidates[..] {
+                return Outcome::Change(only);
+            }
+            choice.shift.begin(of, self.lanes, self.transforms, (strand, current));
         }
-        let of = (self.model, self.params.weights);
-        choice.shift.begin(of, self.lanes, self.transforms, (strand, current));
         choice.moves.clear();
         for &candidate in &choice.candidates {
             let moved = choice.shift.to(of, self.lanes, self.transforms, (strand, candidate));
@@ -354,6 +383,9 @@ impl Choosing<'_> {
             choice.moves.push(if moved.is_finite() { moved } else { f32::INFINITY });
         }
         let least = choice.moves.iter().copied().fold(f32::INFINITY, f32::min);
+        if held_off.is_some_and(|by| least + self.params.leave_gain_cm >= by) {
+            return Outcome::Wanting;
+        }
         let near = choice.candidates.iter().zip(&choice.moves);
         let error = |set: u16| sets.rms_error_cm[usize::from(set)];
         let mut best: Option<u16> = None;

@@ -69,6 +69,12 @@ pub(crate) fn fades_within(value: f32, velocity: f32, least: f64, rate: f64) -> 
     2.0 * (2.0 * size / least).ln() / rate
 }
 
+/// The most that an offset can be of which [`fades_within`] said that it falls below `least` cm for good `remaining` s from now, cm.
+pub(crate) fn most_that_fades_within(remaining: f64, least: f64, rate: f64) -> f64 {
+    // It is below 2 size e^(-x/2) after x = rate * elapsed, and that falls to `least` then.
+    least * (0.5 * rate * remaining).exp()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -112,6 +118,8 @@ mod tests {
                 let speed = Return::over(t, rate).velocity(x, v).abs();
                 assert!(speed <= fastest(f32::abs(x), f32::abs(v), rate) + ROUND_OFF);
                 assert!(t < end || now <= 1e-4);
+                let most = most_that_fades_within(end - t, 1e-4, rate);
+                assert!(f64::from(now) <= most + f64::from(ROUND_OFF), "{now} at {t} s of at most {most}");
             }
         }
     }

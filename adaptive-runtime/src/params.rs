@@ -38,6 +38,10 @@ pub struct AssignParams {
     /// Among candidates whose cost (AS16 Eq. 3, as RMS shift of the strand, cm) is within this of the least, the one that
     /// trained best is taken.
     pub cost_tolerance_cm: f32,
+    /// A set whose guides were parted is left only for one that is nearer by more than this to where solids hold the hair (RMS, cm): while
+    /// the hair is where its guides put it, leaving gains nothing. Negative leaves it at once, as AS16 Algorithm 1 to the letter; so
+    /// does any correction but [`Correction::Carried`], for without it nothing tells where a hair is held.
+    pub leave_gain_cm: f32,
     /// A set still inside a clique may be left for a better-trained one that moves the strand by at most this (RMS, cm);
     /// negative never leaves it, as AS16 Eq. (3) to the letter.
     pub growth_tolerance_cm: f32,
@@ -200,6 +204,7 @@ impl RuntimeParams {
             assign: AssignParams {
                 adapt: true,
                 cost_tolerance_cm: 0.05,
+                leave_gain_cm: 0.5,
                 growth_tolerance_cm: 0.5,
                 growth_period: 4,
                 steps_per_choice: 2,
@@ -257,6 +262,7 @@ impl RuntimeParams {
     pub fn paper() -> Self {
         let mut params = Self::adaptive();
         params.assign.cost_tolerance_cm = 0.0;
+        params.assign.leave_gain_cm = -1.0;
         params.assign.growth_tolerance_cm = -1.0;
         params.two_way.solve = TwoWaySolve::LeastSquares;
         params.assign.cliques = CliqueRule::Grown;
@@ -268,11 +274,13 @@ impl RuntimeParams {
         params
     }
 
-    /// As [`RuntimeParams::adaptive`], edges by the distance of tips alone (AS16 §7.2, after Bertails et al. 2006).
+    /// As [`RuntimeParams::adaptive`], edges by the distance of tips alone (AS16 §7.2, after Bertails et al. 2006), sets left as soon
+    /// as they break.
     #[must_use]
     pub fn tip_distance(d_max_cm: f32) -> Self {
         let mut params = Self::adaptive();
         params.assign.edge_distance = EdgeDistance::Tips { d_max_cm };
+        params.assign.leave_gain_cm = -1.0;
         params.assign.avoidance = false;
         params
     }

@@ -166,7 +166,9 @@ impl Runtime {
     fn assign(&mut self, choice: u64) -> u32 {
         let (assign, residual, transforms) = (&self.params.assign, &self.params.residual, &self.guides.arrays);
         let (model, graph, clusters) = (&self.model, &self.graph, &self.clusters);
-        let changes = self.assignment.update(model, graph, clusters, transforms, assign, choice, &self.sets);
+        let offsets = (residual.correction == Correction::Carried && assign.leave_gain_cm >= 0.0)
+            .then(|| self.strands.offsets(self.time, residual.return_rate, residual.rest_cm));
+        let changes = self.assignment.update(model, graph, clusters, transforms, assign, offsets, choice, &self.sets);
         for change in changes {
             let s = change.strand as usize;
             let active = decode(model, s, change.set, assign.weights);

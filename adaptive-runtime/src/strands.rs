@@ -6,7 +6,7 @@
 
 use crate::interpolate::{ActiveSet, TransformArrays, Travelled, interpolate};
 use crate::kernels::{Age, Longest, run};
-use crate::offset::{N_FIXED, Return, fades_within};
+use crate::offset::{N_FIXED, Return, fades_within, most_that_fades_within};
 use crate::solid_in_head::{Frame, SolidInHead};
 use io_formats::skinning_model::SkinningModel;
 use nalgebra::Isometry3;
@@ -71,6 +71,37 @@ impl Fade {
     pub(crate) fn of(offset: &[f32], velocity: &[f32], pad: usize, time: f64, rate: f64, least_cm: f64) -> Self {
         let lasts = fades_within(largest(offset, pad), largest(velocity, pad), least_cm, rate);
         Self { stamp: time, gone_at: if lasts > 0.0 { time + lasts } else { f64::NEG_INFINITY } }
+    }
+}
+
+/// Where strands are held off what their guides make of them, at one time.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Offsets<'a> {
+    pub slot_of: &'a [u32],
+    pub fades: &'a [Fade],
+    pub carried: &'a [f32],
+    pub pad: usize,
+    pub time: f64,
+    /// As [`Fade::of`] took them.
+    pub rate: f64,
+    pub least_cm: f64,
+}
+
+impl Offsets<'_> {
+    /// Writes a strand's offset and velocity (three arrays of `pad` values each) to `out`, unless no particle can be farther off than `least_cm`.
+    pub(crate) fn write(&self, strand: usize, least_cm: f32, out: &mut Vec<f32>) -> bool {
+        let at = self.slot_of[strand] as usize;
+        let fade = &self.fades[at];
+        if !fade.carries(self.time)
+            || most_that_fades_within(fade.gone_at - self.time, self.least_cm, self.rate) <= f64::from(least_cm)
+        {
+            return false;
+        }
+        out.clear();
+        out.extend_from_slice(&self.carried[at * 6 * self.pad..(at + 1) * 6 * self.pad]);
+        let (offset, velocity) = out.split_at_mut(3 * self.pad);
+        bring_up(fade, offset, velocity, self.time, self.rate);
+        true
     }
 }
 
@@ -191,6 +222,12 @@ impl Strands {
         let at = self.slot_of[strand] as usize;
         let (slot, group) = (&self.slots[at], &self.groups[at / GROUP]);
         if slot.n_touches > 0 { 0.0 } else { (self.wakes[at].at - group.travel).max(0.0) as f32 }
+    }
+
+    /// What all strands carry at `time`; the rest as [`Fade::of`] took it.
+    pub(crate) fn offsets(&self, time: f64, rate: f64, least_cm: f64) -> Offsets<'_> {
+        let Self { slot_of, fades, carried, pad, .. } = self;
+        Offsets { slot_of, fades, carried, pad: *pad, time, rate, least_cm }
     }
 
     /// Forgets where solids are: every strand is looked at anew.

@@ -1,4 +1,5 @@
-//! How far a change of set would move a hair: the cost of AS16 Eq. (3), states compared by position.
+//! How far a change of set would move a hair, or how far from where it is held it would put it: the cost of AS16 Eq. (3), states compared by
+//! position.
 //!
 //! Both skinned strands are made with the kernel of [`crate::interpolate`], lanes along the strand.
 
@@ -30,7 +31,7 @@ impl Lanes {
     }
 }
 
-/// A hair under its present set, to compare others with; buffers are kept from hair to hair.
+/// A hair where it is, to compare sets with; buffers are kept from hair to hair.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Shift {
     /// Three arrays (x, y, z) each, as for [`interpolate`].
@@ -65,7 +66,14 @@ impl Shift {
         interpolate(&self.rest, &lanes.u, &set, transforms, &mut self.current);
     }
 
-    /// RMS distance (cm) between the hair under `set` and under the one it began with.
+    /// Moves the hair by what it carries, an offset of as many values; returns how far that is (RMS, cm).
+    pub fn carry(&mut self, offset: &[f32], lanes: &Lanes, n_particles: u32) -> f32 {
+        self.candidate.copy_from_slice(&self.current);
+        self.current.iter_mut().zip(offset).for_each(|(x, d)| *x += d);
+        self.between(lanes, n_particles)
+    }
+
+    /// RMS distance (cm) between the hair under `set` and where it is.
     pub fn to(
         &mut self,
         (model, weights): (&SkinningModel, WeightRule),
@@ -75,7 +83,11 @@ impl Shift {
     ) -> f32 {
         let set = decode(model, strand, set, weights);
         interpolate(&self.rest, &lanes.u, &set, transforms, &mut self.candidate);
-        (squared_distance(&self.current, &self.candidate, &lanes.counts) / model.n_particles as f32).sqrt()
+        self.between(lanes, model.n_particles)
+    }
+
+    fn between(&self, lanes: &Lanes, n_particles: u32) -> f32 {
+        (squared_distance(&self.current, &self.candidate, &lanes.counts) / n_particles as f32).sqrt()
     }
 }
 

@@ -34,6 +34,8 @@ fn ways(size: Size) -> Vec<(String, RuntimeParams)> {
         let words = match name.as_str() {
             "adaptive" => "ours",
             "fixed" => "fixed sets",
+            "fixed_corrected" => "fixed sets, strands corrected",
+            "left_at_once" => "sets left as soon as they break",
             "distance_weights" => "distance weights, adaptive",
             "fixed_distance_weights" => "distance weights, fixed",
             "tip_distance" => "tips within 4 cm",

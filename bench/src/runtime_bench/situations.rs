@@ -80,6 +80,13 @@ fn position() -> RuntimeParams {
     params
 }
 
+/// The whole method without something.
+fn without(something: impl Fn(&mut RuntimeParams)) -> RuntimeParams {
+    let mut params = RuntimeParams::adaptive();
+    something(&mut params);
+    params
+}
+
 /// Guides by dynamic follow-the-leader (AS16 §7.2).
 fn follow_the_leader() -> RuntimeParams {
     let guide_integrator = GuideIntegrator::FollowTheLeader(DftlParams::standard());
@@ -95,6 +102,8 @@ pub fn ways() -> Vec<(String, RuntimeParams)> {
         named("no_two_way", RuntimeParams::no_two_way()),
         named("paper", RuntimeParams::paper()),
         named("fixed", RuntimeParams::fixed()),
+        named("fixed_corrected", without(|params| params.assign.adapt = false)),
+        named("left_at_once", without(|params| params.assign.leave_gain_cm = -1.0)),
         named("tip_distance", RuntimeParams::tip_distance(TIPS_APART_CM)),
         named("distance_weights", RuntimeParams::distance_weights(true)),
         named("fixed_distance_weights", RuntimeParams::distance_weights(false)),

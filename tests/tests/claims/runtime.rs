@@ -118,12 +118,13 @@ fn a_hair_with_one_guide_follows_it_exactly() {
     }
 }
 
-/// The parted row with a rod standing in the gap between its halves, after some steps.
+/// The parted row with a rod standing in the gap between its halves, after some steps; sets are left as soon as they break.
 fn divided_by_a_rod() -> (Row, Runtime) {
     divided_by_a_rod_with(RuntimeParams::adaptive())
 }
 
-fn divided_by_a_rod_with(params: RuntimeParams) -> (Row, Runtime) {
+fn divided_by_a_rod_with(mut params: RuntimeParams) -> (Row, Runtime) {
+    params.assign.leave_gain_cm = -1.0;
     let row = Row::parted();
     let pose = [at(0.0, -9.0, 0.1)];
     let mut runtime = runtime(row.model(), weightless(params), vec![rod(0.2, 4.0, 0.2)], &pose);
@@ -188,6 +189,30 @@ fn sets_grow_back_when_the_solid_has_gone() {
     }
     assert!(runtime.graph().connectivity() > 0.99);
     assert!(size(&runtime) > parted, "{} guides in all sets after {parted}", size(&runtime));
+}
+
+#[test]
+fn hair_that_nothing_holds_is_skinned_as_fixed_sets_skin_it() {
+    // The head swings hard enough to part guides; no solid is there.
+    let run = |params: RuntimeParams| {
+        let mut runtime = runtime(Row::parted().model(), params, vec![], &[]);
+        let (mut changes, mut least) = (0, 1.0f64);
+        for k in 1..=60 {
+            let head = Isometry3::rotation(Vector3::y() * 1.2 * (0.12 * f64::from(k)).sin());
+            let report = runtime.step(&StepInput { dt: DT, world_from_head: head, world_from_solids: &[] });
+            changes += report.set_changes;
+            least = least.min(report.connectivity);
+            runtime.read();
+        }
+        (changes, least, runtime.positions().to_vec())
+    };
+    let mut at_once = RuntimeParams::adaptive();
+    at_once.assign.leave_gain_cm = -1.0;
+    let (changes, connectivity, _) = run(at_once);
+    assert!(changes > 0 && connectivity < 1.0, "guides were to part");
+    let (changes, _, positions) = run(RuntimeParams::adaptive());
+    assert_eq!(changes, 0);
+    assert_eq!(positions, run(RuntimeParams::fixed()).2);
 }
 
 #[test]
