@@ -5,7 +5,8 @@
 //! letter then never leaves a set while it is a clique, so hairs drift to single guides for good; here a set also grows
 //! back, to one that trained better and moves the hair little (docs/DEVIATIONS.md). Either way the caller makes of the jump
 //! an offset that fades. Driven by events: only hairs whose set an edge's loss broke, and those that want to grow and whose
-//! turn it is, are looked at; what is chosen is what looking at all of them would choose.
+//! turn it is, are looked at; what is chosen is what looking at all of them would choose. Where hairs leave sets only if something holds them
+//! off, edges are asked for by those alone that may change ([`Assignment::ask`]).
 
 mod cliques;
 mod distance_weights;
@@ -120,6 +121,8 @@ pub(crate) struct Assignment {
     wanting: Vec<u64>,
     /// One bit per hair: it has the best set there is.
     best: Vec<u64>,
+    /// One bit per hair: its edges are known, and it may change.
+    asked: Vec<u64>,
     due: Vec<u32>,
     workers: Vec<Worker>,
     changes: Vec<SetChange>,
@@ -138,6 +141,7 @@ impl Assignment {
             broken: vec![0; words],
             wanting: vec![0; words],
             best: vec![0; words],
+            asked: vec![!0; words],
             due: Vec::new(),
             workers: Vec::new(),
             changes: Vec::new(),
@@ -150,6 +154,42 @@ impl Assignment {
             }
         }
         assignment
+    }
+
+    /// Asks the graph for the edges of hairs that may change: those held off by more than [`AssignParams::leave_gain_cm`] and those that follow
+    /// less than their best set; without `offsets` for all. To be called before each update of the graph.
+    pub fn ask(
+        &mut self,
+        model: &SkinningModel,
+        graph: &mut GuideGraph,
+        params: &AssignParams,
+        offsets: Option<Offsets>,
+    ) {
+        let Some(offsets) = offsets else {
+            self.asked.fill(!0);
+            graph.ask_all();
+            return;
+        };
+        let n_strands = self.mask.len();
+        self.asked.par_iter_mut().zip(&self.best).enumerate().with_min_len(WORDS_PER_TASK).for_each(
+            |(word, (asked, best))| {
+                *asked = 0;
+                for s in 64 * word..n_strands.min(64 * (word + 1)) {
+                    let bit = 1 << (s % 64);
+                    if best & bit == 0 || offsets.is_held_off(s, params.leave_gain_cm) {
+                        *asked |= bit;
+                    }
+                }
+            },
+        );
+        graph.ask_none();
+        for (word, &asked) in self.asked.iter().enumerate() {
+            let mut asked = asked;
+            while asked != 0 {
+                graph.ask_among(model.eligible_of(64 * word + asked.trailing_zeros() as usize));
+                asked &= asked - 1;
+            }
+        }
     }
 
     /// Hairs that change their set, ascending: the caller is to apply all of them to `sets`, which holds each hair's present one.
@@ -243,10 +283,12 @@ impl Assignment {
                 // Grown cliques change with motion alone.
                 CliqueRule::Grown => self.wanting[word] | !self.best[word],
             };
-            let mut due = self.broken[word];
+            let asked = self.asked[word];
+            let mut due = self.broken[word] & asked;
+            self.wanting[word] |= self.broken[word] & !asked;
             self.broken[word] = 0;
-            if again && wanting != 0 {
-                due |= wanting & turn_of_word(choice_number, word, params.growth_period);
+            if again && wanting & asked != 0 {
+                due |= wanting & asked & turn_of_word(choice_number, word, params.growth_period);
             }
             while due != 0 {
                 let s = (word * 64) as u32 + due.trailing_zeros();
@@ -258,6 +300,9 @@ impl Assignment {
         }
     }
 }
+
+/// Words of hairs worth another task.
+const WORDS_PER_TASK: usize = 64;
 
 /// Hairs worth another worker.
 const LEAST_PER_WORKER: usize = 64;

@@ -2,7 +2,7 @@
 //!
 //! Only pairs that are eligible together for some hair need an edge. Motion is compared in the head frame, so a fast turn
 //! of the whole head disconnects nothing, with a second, larger threshold for letting go. An update tells which edges
-//! changed; what the interpolation check knows is kept from step to step ([`gap`]), its decisions are those of testing
+//! changed, of those pairs alone that some hair asks for; what the interpolation check knows is kept from step to step ([`gap`]), its decisions are those of testing
 //! every ribbon anew, unless that is spread over several steps.
 
 mod gap;
@@ -38,6 +38,9 @@ pub struct GuideGraph {
     /// Pairs of each block of [`BLOCK`] that changed in the last update, as bits and as a list.
     changed: Vec<u64>,
     flipped: Vec<u32>,
+    /// Pairs of each block that the next update is to decide, and that the last one did, as bits.
+    asked: Vec<u64>,
+    asked_before: Vec<u64>,
     packed: PackedMotion,
     gap: GapCheck,
     n_updates: u64,
@@ -93,6 +96,8 @@ impl GuideGraph {
             n_connected: model.pairs.len(),
             changed: vec![0; model.pairs.len().div_ceil(BLOCK)],
             flipped: Vec::with_capacity(model.pairs.len()),
+            asked: vec![!0; model.pairs.len().div_ceil(BLOCK)],
+            asked_before: vec![0; model.pairs.len().div_ceil(BLOCK)],
             packed: PackedMotion::default(),
             gap: GapCheck::default(),
             n_updates: 0,
@@ -113,7 +118,31 @@ impl GuideGraph {
         self.adjacency[i * self.words + j / 64] >> (j % 64) & 1 == 1
     }
 
-    /// Share of candidate pairs that are connected.
+    /// Has the next update, and any after it, decide every pair.
+    pub(crate) fn ask_all(&mut self) {
+        self.asked.fill(!0);
+    }
+
+    /// Has the next update decide none, but those asked for with [`Self::ask_among`] from now on: others keep what they are.
+    pub(crate) fn ask_none(&mut self) {
+        self.asked.fill(0);
+    }
+
+    /// Has the next update decide the pairs among some guides, ascending.
+    pub(crate) fn ask_among(&mut self, guides: &[u16]) {
+        for (k, &i) in guides.iter().enumerate() {
+            let of = self.neighbour_start[usize::from(i)] as usize..self.neighbour_start[usize::from(i) + 1] as usize;
+            let neighbours = &self.neighbours[of];
+            for &j in &guides[k + 1..] {
+                if let Ok(at) = neighbours.binary_search_by_key(&j, |&(guide, _)| guide) {
+                    let pair = neighbours[at].1 as usize;
+                    self.asked[pair / BLOCK] |= 1 << (pair % BLOCK);
+                }
+            }
+        }
+    }
+
+    /// Share of candidate pairs that are connected, each as it was when last decided.
     #[must_use]
     pub fn connectivity(&self) -> f64 {
         if self.connected.is_empty() {
@@ -149,7 +178,7 @@ impl GuideGraph {
         self.adjacency[j * self.words + i / 64] ^= 1 << (i % 64);
     }
 
-    /// Re-decides every edge for the guides' current motion.
+    /// Decides anew every edge that is asked for, for the guides' current motion.
     pub(crate) fn update(
         &mut self,
         model: &SkinningModel,
@@ -172,6 +201,7 @@ impl GuideGraph {
             .zip(self.distance.par_chunks_mut(BLOCK))
             .zip(self.connected.par_chunks_mut(BLOCK))
             .enumerate();
+        let (asked, asked_before) = (&self.asked, &self.asked_before);
         let decide = |block: usize,
                       changed: &mut u64,
                       distance: &mut [f32],
@@ -183,8 +213,13 @@ impl GuideGraph {
                 let pair = model.pairs[block * BLOCK + k];
                 let known = &mut known[k * n_known..(k + 1) * n_known];
                 let expiry = &mut expiry[k * n_expiry..(k + 1) * n_expiry];
-                let is_turn = (update + (block * BLOCK + k) as u64).is_multiple_of(u64::from(rule.gap_period));
                 gap.count(pair, known, expiry);
+                if asked[block] >> k & 1 == 0 {
+                    continue;
+                }
+                // What was found before others alone were asked for may be long ago.
+                let is_turn = asked_before[block] >> k & 1 == 0
+                    || (update + (block * BLOCK + k) as u64).is_multiple_of(u64::from(rule.gap_period));
                 // The check first: most pairs it settles in less time than their distance takes.
                 let now = gap.is_free(pair, known, expiry, is_turn) && {
                     *distance = measure(model, block * BLOCK + k, packed, motion, rule.distance);
@@ -203,6 +238,7 @@ impl GuideGraph {
                 decide(block, changed, distance, connected, known, expiry);
             });
         }
+        self.asked_before.copy_from_slice(&self.asked);
         self.flipped.clear();
         for block in 0..self.changed.len() {
             let mut bits = self.changed[block];

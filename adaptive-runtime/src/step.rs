@@ -133,6 +133,8 @@ impl Runtime {
                     gap_resolution: self.params.gap_resolution,
                     gap_period: self.params.gap_period,
                 };
+                let offsets = self.strands.offsets_to_leave_by(self.time, &self.params);
+                self.assignment.ask(&self.model, &mut self.graph, &self.params.assign, offsets);
                 let motion = self.guides.motion(&input.world_from_head, &moving);
                 self.graph.update(&self.model, &motion, &moving, rule);
             });
@@ -166,8 +168,7 @@ impl Runtime {
     fn assign(&mut self, choice: u64) -> u32 {
         let (assign, residual, transforms) = (&self.params.assign, &self.params.residual, &self.guides.arrays);
         let (model, graph, clusters) = (&self.model, &self.graph, &self.clusters);
-        let offsets = (residual.correction == Correction::Carried && assign.leave_gain_cm >= 0.0)
-            .then(|| self.strands.offsets(self.time, residual.return_rate, residual.rest_cm));
+        let offsets = self.strands.offsets_to_leave_by(self.time, &self.params);
         let changes = self.assignment.update(model, graph, clusters, transforms, assign, offsets, choice, &self.sets);
         for change in changes {
             let s = change.strand as usize;

@@ -4,9 +4,10 @@
 //! up how far its guides and the solids can have brought the two together since it was measured; until that exceeds the distance
 //! measured, none of its strands is looked at. Invariant: a strand whose group has travelled less than its [`Wake::at`] surely meets no solid.
 
-use crate::interpolate::{ActiveSet, TransformArrays, Travelled, interpolate};
+use crate::interpolate::{ActiveSet, MAX_PARTICLES, TransformArrays, Travelled, interpolate};
 use crate::kernels::{Age, Longest, run};
 use crate::offset::{N_FIXED, Return, fades_within, most_that_fades_within};
+use crate::params::{Correction, RuntimeParams};
 use crate::solid_in_head::{Frame, SolidInHead};
 use io_formats::skinning_model::SkinningModel;
 use nalgebra::Isometry3;
@@ -80,6 +81,7 @@ pub(crate) struct Offsets<'a> {
     pub slot_of: &'a [u32],
     pub fades: &'a [Fade],
     pub carried: &'a [f32],
+    pub n_particles: usize,
     pub pad: usize,
     pub time: f64,
     /// As [`Fade::of`] took them.
@@ -88,8 +90,26 @@ pub(crate) struct Offsets<'a> {
 }
 
 impl Offsets<'_> {
+    /// Whether a strand is farther off than `least_cm` (RMS over its particles).
+    pub(crate) fn is_held_off(&self, strand: usize, least_cm: f32) -> bool {
+        let mut carried = [0.0; 6 * MAX_PARTICLES];
+        let carried = &mut carried[..6 * self.pad];
+        if !self.copy(strand, least_cm, carried) {
+            return false;
+        }
+        let offset = carried[..3 * self.pad].chunks_exact(self.pad);
+        let squares: f32 = offset.map(|x| x[..self.n_particles].iter().map(|x| x * x).sum::<f32>()).sum();
+        // What is not finite is to be looked at.
+        squares.is_nan() || squares > least_cm * least_cm * self.n_particles as f32
+    }
+
     /// Writes a strand's offset and velocity (three arrays of `pad` values each) to `out`, unless no particle can be farther off than `least_cm`.
     pub(crate) fn write(&self, strand: usize, least_cm: f32, out: &mut Vec<f32>) -> bool {
+        out.resize(6 * self.pad, 0.0);
+        self.copy(strand, least_cm, out)
+    }
+
+    fn copy(&self, strand: usize, least_cm: f32, out: &mut [f32]) -> bool {
         let at = self.slot_of[strand] as usize;
         let fade = &self.fades[at];
         if !fade.carries(self.time)
@@ -97,8 +117,7 @@ impl Offsets<'_> {
         {
             return false;
         }
-        out.clear();
-        out.extend_from_slice(&self.carried[at * 6 * self.pad..(at + 1) * 6 * self.pad]);
+        out.copy_from_slice(&self.carried[at * 6 * self.pad..(at + 1) * 6 * self.pad]);
         let (offset, velocity) = out.split_at_mut(3 * self.pad);
         bring_up(fade, offset, velocity, self.time, self.rate);
         true
@@ -224,10 +243,22 @@ impl Strands {
         if slot.n_touches > 0 { 0.0 } else { (self.wakes[at].at - group.travel).max(0.0) as f32 }
     }
 
-    /// What all strands carry at `time`; the rest as [`Fade::of`] took it.
-    pub(crate) fn offsets(&self, time: f64, rate: f64, least_cm: f64) -> Offsets<'_> {
-        let Self { slot_of, fades, carried, pad, .. } = self;
-        Offsets { slot_of, fades, carried, pad: *pad, time, rate, least_cm }
+    /// Where strands are held off at `time`, if they leave broken sets for that alone ([`crate::AssignParams::leave_gain_cm`]).
+    pub(crate) fn offsets_to_leave_by(&self, time: f64, params: &RuntimeParams) -> Option<Offsets<'_>> {
+        let residual = &params.residual;
+        let (rate, least_cm) = (residual.return_rate, residual.rest_cm);
+        let &Self { n_particles, pad, .. } = self;
+        let Self { slot_of, fades, carried, .. } = self;
+        (residual.correction == Correction::Carried && params.assign.leave_gain_cm >= 0.0).then_some(Offsets {
+            slot_of,
+            fades,
+            carried,
+            n_particles,
+            pad,
+            time,
+            rate,
+            least_cm,
+        })
     }
 
     /// Forgets where solids are: every strand is looked at anew.

@@ -92,7 +92,17 @@ impl Scene {
 
     fn offsets(&self) -> Offsets<'_> {
         let Self { slot_of, fades, carried, .. } = self;
-        Offsets { slot_of, fades, carried, pad: self.transforms.pad, time: NOW, rate: RATE, least_cm: REST_CM }
+        let n_particles = self.model.n_particles as usize;
+        Offsets {
+            slot_of,
+            fades,
+            carried,
+            n_particles,
+            pad: self.transforms.pad,
+            time: NOW,
+            rate: RATE,
+            least_cm: REST_CM,
+        }
     }
 
     /// By how much a hair is held off its guides at each particle, by the spring's closed form.
@@ -215,6 +225,9 @@ fn events_choose_what_looking_at_every_hair_plainly_would() {
                         Some(SetChange { strand: s as u32, set })
                     })
                     .collect();
+                // Hairs that are not asked for would not change.
+                let offsets = (!leaves_at_once).then(|| scene.offsets());
+                assignment.ask(&scene.model, &mut scene.graph.clone(), &params, offsets);
                 let found = assignment
                     .update(
                         &scene.model,
@@ -222,7 +235,7 @@ fn events_choose_what_looking_at_every_hair_plainly_would() {
                         &scene.clusters,
                         &scene.transforms,
                         &params,
-                        (!leaves_at_once).then(|| scene.offsets()),
+                        offsets,
                         step as u64,
                         &scene.sets,
                     )

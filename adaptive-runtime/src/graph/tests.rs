@@ -157,6 +157,46 @@ fn every_edge_of_every_step_is_that_of_testing_all_pairs_anew() {
 }
 
 #[test]
+fn edges_asked_for_are_those_of_asking_for_all_and_others_stay() {
+    const STEPS: usize = 260;
+    // Without memory of its own, an edge is what the present step makes of it.
+    let rule = EdgeRule { similarity: false, ..RULE };
+    let all = Sweep::new().run(STEPS, rule);
+    for gap_period in [1, 8] {
+        let mut sweep = Sweep::new();
+        let mut graph = GuideGraph::new(&sweep.model);
+        let mut before = (vec![true; sweep.model.pairs.len()], vec![false; sweep.model.pairs.len()]);
+        let (mut n_asked, mut n_kept) = (0, 0);
+        for (step, (expected, _)) in all.iter().enumerate() {
+            sweep.move_to(step);
+            // Some are asked for for ten steps on end, and again after twenty.
+            let guides: Vec<u16> = (0..sweep.model.n_guides() as u16)
+                .filter(|&g| (usize::from(g) + step / 10).is_multiple_of(3))
+                .collect();
+            graph.ask_none();
+            graph.ask_among(&guides);
+            graph.update(&sweep.model, &sweep.motion(), &sweep.moving(step), EdgeRule { gap_period, ..rule });
+            let is_asked = |&[i, j]: &[u16; 2]| guides.contains(&i) && guides.contains(&j);
+            let asked: Vec<bool> = sweep.model.pairs.iter().map(is_asked).collect();
+            for k in 0..asked.len() {
+                if !asked[k] {
+                    assert_eq!(graph.connected[k], before.0[k], "step {step}, pair {k} was not asked for");
+                    n_kept += usize::from(graph.connected[k] != expected[k]);
+                } else if gap_period == 1 || !before.1[k] {
+                    assert_eq!(graph.connected[k], expected[k], "step {step}, pair {k}, period {gap_period}");
+                    n_asked += 1;
+                }
+            }
+            before = (graph.connected.clone(), asked);
+        }
+        assert!(
+            n_asked > 300 && n_kept > 500,
+            "little happened: {n_asked} asked for, {n_kept} kept though they changed"
+        );
+    }
+}
+
+#[test]
 fn edges_are_the_same_for_any_number_of_threads() {
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
